@@ -1,0 +1,49 @@
+"""Errors of Piaffe: each says where, what is wrong, what was got and expected, and what to do."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class PiaffeError(Exception):
+    """Base of every error that Piaffe raises on purpose."""
+
+
+class ProblemError(PiaffeError, ValueError):
+    """A declaration is inconsistent: a phase, a schedule, an objective or a constraint."""
+
+
+class ShapeError(ProblemError):
+    """An array has the wrong number of entries."""
+
+
+class ModelError(PiaffeError, ValueError):
+    """A robot or a model cannot be built, or lacks what was asked of it."""
+
+
+class UnknownNameError(ModelError, KeyError):
+    """A name is not among those that exist; the message lists the nearest ones.
+
+    Args:
+        where: the object that was asked, e.g. ``"robot 'go2'"``.
+        what: the kind of thing asked for, e.g. ``"frame"``.
+        name: the name asked for.
+        known: the names that exist.
+    """
+
+    def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
+        self.name = name
+        self.known = tuple(known)
+        close = get_close_matches(name, self.known, n=3, cutoff=0.4)
+        advice = f"did you mean {' or '.join(map(repr, close))}?" if close else "use one of the names that exist"
+        super().__init__(f"{where}: no {what} '{name}' - got '{name}', expected one of {list(self.known)}; {advice}")
+
+    def __str__(self) -> str:  # KeyError would print the quoted repr
+        return str(self.args[0])
+
+
+class FileFormatError(PiaffeError, ValueError):
+    """A file is not what its name promises: foreign, truncated or written by a newer version."""
+
+
+class SolverError(PiaffeError, RuntimeError):
+    """A solver was asked for something that it cannot do."""
