@@ -1,0 +1,235 @@
+"""A robot: the numbers of a ``pinocchio.Model`` with a floating base, its feet, limits and named poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe.ocp.quantity import match_labels
+
+Array = NDArray[np.float64]
+
+ROLES = ("front", "hind", "left", "right")
+ROOT = 1  # index of the floating base in a pinocchio.Model; joint j of the state is ROOT + 1 + j
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A point of the robot that may touch the ground.
+
+    Args:
+        name: short name, the robot's own, e.g. ``"FL"``.
+        frame: name of the frame at the centre of the foot's ball.
+        roles: what gaits know it by, a subset of ``ROLES``.
+    """
+
+    name: str
+    frame: str
+    roles: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        for role in self.roles:
+            if role not in ROLES:
+                raise UnknownNameError(f"foot '{self.name}'", "role", role, ROLES)
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """Everything that Piaffe knows of a robot. Robots compare by identity.
+
+    Args:
+        name: name for messages and files.
+        model: pinocchio model whose first joint is a free-flyer and all others have one degree of freedom.
+        feet: the feet; their order is that of every stacked foot quantity.
+        foot_radius: radius of the foot's ball; a foot touches the ground when its frame is this far above it [m].
+        joint_names: names in state order, n of them.
+        torque_limit: largest torque, (n,) [Nm]; infinite if unlimited, as all limits.
+        joint_lower: smallest angle, (n,) [rad].
+        joint_upper: largest angle, (n,) [rad].
+        joint_speed_limit: largest speed, (n,) [rad/s].
+        armature: inertia of the rotors as seen at the joints, (n,) [kg m^2].
+        poses: named joint angles, each (n,) [rad]; ``"stand"`` and ``"crouch"`` at least.
+        urdf: the file that it was read from, if any; the visual geometry comes from it.
+        package_dirs: folders in which ``package://`` meshes are looked for.
+    """
+
+    name: str
+    model: pinocchio.Model
+    feet: tuple[Foot, ...]
+    foot_radius: float
+    joint_names: tuple[str, ...]
+    torque_limit: Array
+    joint_lower: Array
+    joint_upper: Array
+    joint_speed_limit: Array
+    armature: Array
+    poses: Mapping[str, Array]
+    urdf: Path | None = None
+    package_dirs: tuple[str, ...] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        _check_joints(self.name, self.model, self.joint_names)
+        for foot in self.feet:
+            self.frame_id(foot.frame)
+        if not np.isfinite(self.foot_radius) or self.foot_radius < 0:
+            raise ModelError(
+                f"robot '{self.name}': foot_radius is no length - got {self.foot_radius}, expected a finite number "
+                "≥ 0 [m]; give the radius of the foot's ball, 0 for a point"
+            )
+        for key in ("torque_limit", "joint_lower", "joint_upper", "joint_speed_limit", "armature"):
+            self._check_size(key, getattr(self, key))
+        for key, angles in self.poses.items():
+            self._check_size(f"pose '{key}'", angles)
+
+    def __repr__(self) -> str:
+        feet = " ".join(self.foot_names)
+        return f"Robot('{self.name}', {len(self.joint_names)} joints, feet {feet}, {self.mass:.3f} kg)"
+
+    # ---- sizes and names
+
+    @property
+    def num_joints(self) -> int:
+        """Number of actuated joints n."""
+        return len(self.joint_names)
+
+    @property
+    def foot_names(self) -> tuple[str, ...]:
+        """Names of the feet, in order."""
+        return tuple(foot.name for foot in self.feet)
+
+    @cached_property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        return float(pinocchio.computeTotalMass(self.model))
+
+    @cached_property
+    def visual(self) -> pinocchio.GeometryModel | None:
+        """The visual geometry, read on first use; None if there is no file, or its meshes cannot be found."""
+        if self.urdf is None:
+            return None
+        try:
+            return pinocchio.buildGeomFromUrdf(
+                self.model, str(self.urdf), pinocchio.GeometryType.VISUAL, package_dirs=list(self.package_dirs)
+            )
+        except (ValueError, RuntimeError):
+            return None
+
+    def foot(self, name: str) -> Foot:
+        """Return the foot of that name."""
+        for foot in self.feet:
+            if foot.name == name:
+                return foot
+        raise UnknownNameError(f"robot '{self.name}'", "foot", name, self.foot_names)
+
+    def feet_with(self, roles: str | Iterable[str]) -> tuple[Foot, ...]:
+        """Return the feet that have all the roles, ``"front left"`` or ``("front", "left")``; all feet for none."""
+        wanted = tuple(roles.split() if isinstance(roles, str) else roles)
+        for role in wanted:
+            if role not in ROLES:
+                raise UnknownNameError(f"robot '{self.name}'", "role", role, ROLES)
+        return tuple(foot for foot in self.feet if foot.roles.issuperset(wanted))
+
+    def frame_id(self, name: str) -> int:
+        """Return the index in the model of a frame; joints and links are frames too."""
+        if not self.model.existFrame(name):
+            raise UnknownNameError(f"robot '{self.name}'", "frame", name, [f.name for f in self.model.frames])
+        return int(self.model.getFrameId(name))
+
+    # ---- poses
+
+    def pose(self, joints: object) -> Array:
+        """Return joint angles, (n,) [rad].
+
+        Args:
+            joints: the name of a pose, n numbers, or a mapping from labels to angles, e.g. ``{"FL_HAA": 0.3}`` or
+                ``{"HAA": 0.3}`` for that joint of every leg; joints that it does not name stay as in ``"stand"``.
+        """
+        where = f"robot '{self.name}', joints"
+        if isinstance(joints, str):
+            if joints not in self.poses:
+                raise UnknownNameError(f"robot '{self.name}'", "pose", joints, self.poses)
+            return np.array(self.poses[joints], dtype=float)
+        if isinstance(joints, Mapping):
+            angles = np.array(self.poses["stand"], dtype=float)
+            for label, value in joints.items():
+                indices = match_labels(self.joint_names, label, where)
+                entries: Array = np.atleast_1d(np.asarray(value, dtype=float))
+                if entries.shape not in ((1,), (len(indices),)):
+                    names = ", ".join(self.joint_names[i] for i in indices)
+                    raise ShapeError(
+                        f"{where}, label '{label}': wrong size - got {entries.size} entries, expected 1 or "
+                        f"{len(indices)} ({names}) [rad]; give one angle for all of them or one each"
+                    )
+                angles[indices] = entries
+            return angles
+        try:
+            angles = np.array(joints, dtype=float)
+        except (TypeError, ValueError):
+            raise ModelError(
+                f"{where}: no joint angles - got {joints!r}, expected the name of a pose ({', '.join(self.poses)}), "
+                f"{self.num_joints} numbers or a mapping from labels to angles; give one of them"
+            ) from None
+        self._check_size("joints", angles)
+        return angles
+
+    def base_height(self, joints: object = "stand") -> float:
+        """Return the height of a level base at which the lowest foot touches flat ground at z = 0 [m]."""
+        q = pinocchio.neutral(self.model)
+        q[7:] = self.pose(joints)
+        data = self.model.createData()
+        pinocchio.framesForwardKinematics(self.model, data, q)
+        lowest = min(float(data.oMf[self.frame_id(foot.frame)].translation[2]) for foot in self.feet)
+        return self.foot_radius - lowest
+
+    def _check_size(self, what: str, values: Any) -> None:
+        shape = np.shape(values)
+        if shape != (self.num_joints,):
+            got = f"{shape[0]} entries" if len(shape) == 1 else f"shape {shape}"
+            raise ShapeError(
+                f"robot '{self.name}', {what}: wrong size - got {got}, expected {self.num_joints} "
+                f"({', '.join(self.joint_names)}); give one number per joint"
+            )
+
+
+def to_pinocchio(x: Array) -> tuple[Array, Array]:
+    """Return pinocchio's (q, v) of a state: quaternion (x, y, z, w) and base velocity in body axes.
+
+    Args:
+        x: state (position, quaternion w first, joints, world linear velocity, body angular velocity, joint
+            velocities), (nq + nv,) with nq = nv + 1.
+    """
+    nq = (len(x) + 1) // 2
+    q, v = np.array(x[:nq], dtype=float), np.array(x[nq:], dtype=float)
+    q[3:7] = x[[4, 5, 6, 3]]
+    rotation = pinocchio.Quaternion(q[3:7]).toRotationMatrix()
+    v[:3] = rotation.T @ v[:3]
+    return q, v
+
+
+def _check_joints(name: str, model: pinocchio.Model, joint_names: tuple[str, ...]) -> None:
+    """Raise unless the model is a free-flyer followed by joints of one degree of freedom, named in order."""
+    if model.njoints < ROOT + 1 or model.joints[ROOT].shortname() != "JointModelFreeFlyer":
+        raise ModelError(
+            f"robot '{name}': the base is fixed - got '{model.joints[ROOT].shortname() if model.njoints > 1 else ''}' "
+            "as first joint, expected a free-flyer; build the model with pinocchio.JointModelFreeFlyer()"
+        )
+    for joint, joint_name in zip(model.joints[ROOT + 1 :], model.names[ROOT + 1 :], strict=False):
+        if (joint.nq, joint.nv) != (1, 1):
+            raise ModelError(
+                f"robot '{name}', joint '{joint_name}': not a single angle - got {joint.shortname()} with {joint.nq} "
+                f"position and {joint.nv} velocity entries, expected 1 and 1; make it 'revolute' (with limits) in the "
+                "URDF, or lock it"
+            )
+    if tuple(model.names[ROOT + 1 :]) != joint_names:
+        raise ModelError(
+            f"robot '{name}': joint names out of order - got {joint_names}, expected {tuple(model.names[ROOT + 1 :])}; "
+            "name them in the order of the model"
+        )
