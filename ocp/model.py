@@ -65,7 +65,7 @@ class Quantities:
     """
 
     def __init__(self, where: str, makers: Mapping[str, Callable[[], Bound]]) -> None:
-        self._where = where
+        self.where = where
         self._makers = makers
         self._made: dict[str, Bound] = {}
 
@@ -81,7 +81,7 @@ class Quantities:
         """Return the bound quantity; raise UnknownNameError if the model cannot supply it."""
         path = str(quantity)
         if path not in self._makers:
-            raise UnknownNameError(f"model '{self._where}'", "quantity", path, self._makers)
+            raise UnknownNameError(f"model '{self.where}'", "quantity", path, self._makers)
         if path not in self._made:
             self._made[path] = self._makers[path]()
         return self._made[path]

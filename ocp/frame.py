@@ -1,0 +1,45 @@
+"""Carrying reference samples and states from one planar frame (x, y, yaw) to another."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import rotation
+from .model import Sample
+from .quantity import Quantity
+
+Array = NDArray[np.float64]
+PlanarFrame = tuple[float, float, float]
+
+ORIGIN: PlanarFrame = (0.0, 0.0, 0.0)
+
+
+def relative(to: PlanarFrame, of: PlanarFrame) -> PlanarFrame:
+    """Return the motion of the plane that carries frame ``of`` onto frame ``to``."""
+    yaw = to[2] - of[2]
+    c, s = np.cos(yaw), np.sin(yaw)
+    return (to[0] - (c * of[0] - s * of[1]), to[1] - (s * of[0] + c * of[1]), yaw)
+
+
+def carry_value(quantity: Quantity, value: Array, frame: PlanarFrame) -> Array:
+    """Return a quantity's value (..., n) carried along by a motion of the plane."""
+    if frame == ORIGIN or quantity.kind == "vector":
+        return value
+    x, y, yaw = frame
+    if quantity.kind == "rotation":
+        turn = np.array([np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+        return rotation.np_multiply(np.broadcast_to(turn, value.shape), value)
+    points = value.reshape(*value.shape[:-1], -1, 3).copy()
+    c, s = np.cos(yaw), np.sin(yaw)
+    px, py = points[..., 0].copy(), points[..., 1].copy()
+    points[..., 0], points[..., 1] = c * px - s * py, s * px + c * py
+    if quantity.kind == "point":
+        points[..., 0] += x
+        points[..., 1] += y
+    return points.reshape(value.shape)
+
+
+def carry(sample: Sample, frame: PlanarFrame) -> dict[Quantity, Array]:
+    """Return a sample carried along by a motion of the plane."""
+    return {quantity: carry_value(quantity, value, frame) for quantity, value in sample.items()}

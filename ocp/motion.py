@@ -1,0 +1,156 @@
+"""Motions: sequences of phases with their targets, composed by ``+`` and repeated by ``cycles``."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass, replace
+from itertools import count
+
+from piaffe.errors import ProblemError
+
+from .frame import ORIGIN
+from .model import ModelBase, Sample
+from .path import Interval, Path, PlacedPiece
+from .phase import Phase
+from .reference import FromTrajectory, Keyframes, Reference
+from .source import Source, caller
+from .trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Phases that share a reference.
+
+    Args:
+        once: phases that run once, before the cycle (all of them if there is none).
+        cycle: phases that repeat.
+        repeats: how often; None for ever.
+        reference: where the targets come from.
+    """
+
+    once: tuple[Phase, ...]
+    cycle: tuple[Phase, ...]
+    repeats: int | None
+    reference: Reference
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether the cycle repeats for ever."""
+        return bool(self.cycle) and self.repeats is None
+
+    @property
+    def phases(self) -> tuple[Phase, ...]:
+        """All phases in order; of an endless piece those up to the end of the first cycle."""
+        return self.once + self.cycle * (1 if self.repeats is None else self.repeats)
+
+    def unrolled(self) -> Iterator[Phase]:
+        """Yield the phases, for ever if the piece is endless."""
+        yield from self.once
+        for _ in count() if self.repeats is None and self.cycle else range(self.repeats or 0):
+            yield from self.cycle
+
+    @property
+    def duration(self) -> float:
+        """Length [s]; infinite if endless."""
+        return float("inf") if self.is_endless else sum(phase.duration for phase in self.phases)
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Motion:
+    """A sequence of phases and their targets.
+
+    Args:
+        *phases: the phases in order.
+        cyclic: whether they repeat for ever (choose a number with ``cycles``).
+        reference: where the targets come from; by default the phases' keyframes.
+        once: phases to run once before a cyclic motion's first cycle.
+    """
+
+    pieces: tuple[Piece, ...]
+    source: Source
+
+    def __init__(
+        self,
+        *phases: Phase,
+        cyclic: bool = False,
+        reference: Reference | None = None,
+        once: tuple[Phase, ...] = (),
+    ) -> None:
+        object.__setattr__(self, "source", caller())
+        if not phases:
+            raise ProblemError(f"motion ({self.source}): no phases - got none, expected at least one ocp.Phase; add it")
+        for phase in (*once, *phases):
+            if not isinstance(phase, Phase):
+                raise ProblemError(f"motion ({self.source}): not a phase - got {phase!r}, expected an ocp.Phase; make one")
+        if not cyclic:
+            once, phases = once + phases, ()
+        piece = Piece(once, phases, None if cyclic else 0, reference or Keyframes())
+        object.__setattr__(self, "pieces", (piece,))
+
+    @classmethod
+    def _of(cls, pieces: tuple[Piece, ...], source: Source) -> Motion:
+        motion = object.__new__(cls)
+        object.__setattr__(motion, "pieces", pieces)
+        object.__setattr__(motion, "source", source)
+        return motion
+
+    @classmethod
+    def from_trajectory(cls, trajectory: Trajectory, modes: dict[str, Hashable] | None = None) -> Motion:
+        """Return the motion that a trajectory performed: its phases, modes and, as targets, its states and controls.
+
+        Args:
+            trajectory: e.g. ``solution.trajectory``; parts of one phase that a schedule cut are joined by name.
+            modes: mode to use instead of the text stored for a phase's name, for models whose modes are not text.
+        """
+        phases = tuple(
+            Phase(part.name, (modes or {}).get(part.name, part.mode), part.duration) for part in trajectory.phases
+        )
+        return cls(*phases, reference=FromTrajectory(trajectory))
+
+    @classmethod
+    def from_solution(cls, solution: object, modes: dict[str, Hashable] | None = None) -> Motion:
+        """Return the motion of a solution; see :meth:`from_trajectory`."""
+        return cls.from_trajectory(solution.trajectory, modes)  # type: ignore[attr-defined]  # any solver's solution
+
+    def __add__(self, other: Motion) -> Motion:
+        if self.pieces[-1].is_endless:
+            raise ProblemError(
+                f"motion ({self.source}): an endless motion cannot be followed by another - got a cyclic motion, "
+                "expected a finite one; choose a number with .cycles(n)"
+            )
+        return Motion._of(self.pieces + other.pieces, self.source)
+
+    def cycles(self, n: int) -> Motion:
+        """Return the motion with its cycle run n times (a motion that is not cyclic is repeated whole)."""
+        if n < 1:
+            raise ProblemError(f"motion ({self.source}): cycles is out of range - got {n}, expected at least 1; raise it")
+        last = self.pieces[-1]
+        if last.cycle:
+            return Motion._of((*self.pieces[:-1], replace(last, repeats=n)), self.source)
+        return Motion._of(self.pieces * n, self.source)
+
+    @property
+    def duration(self) -> float:
+        """Length [s]; infinite if cyclic."""
+        return sum(piece.duration for piece in self.pieces)
+
+    def intervals(self) -> Iterator[Interval]:
+        """Yield the phases on the time axis, for ever if the motion is endless."""
+        t = 0.0
+        for number, piece in enumerate(self.pieces):
+            for index, phase in enumerate(piece.unrolled()):
+                yield Interval(phase, number, index, t, t + phase.duration)
+                t += phase.duration
+
+    def bind(self, model: ModelBase, start: Sample) -> Path:
+        """Place the motion in the world for a model, from the sample ``start``."""
+        placed: list[PlacedPiece] = []
+        t, frame = 0.0, ORIGIN
+        for number, piece in enumerate(self.pieces):
+            reference = piece.reference.bind(model, piece, start, frame)
+            placed.append(PlacedPiece(t, reference))
+            if number < len(self.pieces) - 1:
+                start = reference.sample(piece.duration, len(piece.phases) - 1)
+                frame = model.planar_frame(start)
+                t += piece.duration
+        return Path(self, tuple(placed))

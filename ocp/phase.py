@@ -1,0 +1,120 @@
+"""Phases: stretches of a motion with one mode of the dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from piaffe.errors import ProblemError
+
+from .source import Source, caller
+from .term import Constraint
+from .termset import Constraints, Objective
+
+
+@dataclass(frozen=True)
+class Free:
+    """A duration that an optimiser may choose: guess, lower and upper bound [s]. Parsed, not yet optimised."""
+
+    guess: float
+    lower: float
+    upper: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.lower <= self.guess <= self.upper:
+            raise ProblemError(
+                f"Free({self.guess}, {self.lower}, {self.upper}): bounds are out of order - got guess {self.guess} s, "
+                f"expected 0 < lower ≤ guess ≤ upper; reorder them"
+            )
+
+
+@dataclass(frozen=True, init=False)
+class Keyframe:
+    """Targets at the end of a phase; the path between keyframes is interpolated.
+
+    What the names mean is the model's business: robots take ``position``, ``rpy``, ``joints``, ``linear_velocity``,
+    ``angular_velocity``, ``joint_velocities``; every model takes the names of its own state and control.
+    """
+
+    values: Mapping[str, Any]
+
+    def __init__(self, **values: Any) -> None:
+        object.__setattr__(self, "values", values)
+
+
+@dataclass(frozen=True)
+class ResetMap:
+    """A user's reset at the end of a phase; entries left out keep their value."""
+
+    function: Callable[..., Mapping[str, Any]]
+    source: Source
+
+
+def reset(function: Callable[..., Mapping[str, Any]]) -> ResetMap:
+    """Turn a function of a node's quantities that returns new state entries into a reset map."""
+    return ResetMap(function, caller())
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Phase:
+    """A stretch of a motion with one mode.
+
+    Args:
+        name: its name; terms and weights refer to it.
+        mode: the mode, in the model's terms: ``stance("FL HR")`` for a robot, a mode's name otherwise.
+        duration: length [s], or :class:`Free`.
+        target: keyframe at its end, or a mapping of targets.
+        until: equality that holds at its end (a switching constraint).
+        reset: what happens to the state at its end, beyond what the model derives.
+        constraints: constraints of this phase alone.
+        objective: costs of this phase alone, added to the problem's.
+    """
+
+    name: str
+    mode: Hashable
+    duration: float
+    target: Keyframe | None = None
+    until: tuple[Constraint, ...] = ()
+    reset: ResetMap | None = None
+    constraints: Constraints = field(default_factory=Constraints)
+    objective: Objective = field(default_factory=Objective)
+    source: Source = field(default_factory=caller)
+
+    def __init__(
+        self,
+        name: str,
+        mode: Hashable,
+        duration: float | Free,
+        target: Keyframe | Mapping[str, Any] | None = None,
+        *,
+        until: Constraint | Constraints | None = None,
+        reset: ResetMap | None = None,
+        constraints: Constraints | None = None,
+        objective: Objective | None = None,
+    ) -> None:
+        source = caller()
+        where = f"phase '{name}' ({source})"
+        if isinstance(duration, Free):
+            raise ProblemError(
+                f"{where}: free durations are not optimised yet - got {duration}, expected a number of seconds; "
+                f"use {duration.guess}"
+            )
+        if not (isinstance(duration, int | float | np.floating) and 0 < duration < float("inf")):
+            raise ProblemError(f"{where}: duration is out of range - got {duration!r}, expected seconds > 0; give one")
+        if isinstance(target, Mapping):
+            target = Keyframe(**target)
+        if target is not None and not isinstance(target, Keyframe):
+            raise ProblemError(f"{where}: target is unusable - got {target!r}, expected a Keyframe or a mapping; make one")
+        rows = () if until is None else (until,) if isinstance(until, Constraint) else tuple(until)
+        if reset is not None and not isinstance(reset, ResetMap):
+            raise ProblemError(f"{where}: reset is unusable - got {reset!r}, expected ocp.reset(function); wrap it")
+        for key, value in {
+            "name": name, "mode": mode, "duration": float(duration), "target": target, "until": rows, "reset": reset,
+            "constraints": constraints or Constraints(), "objective": objective or Objective(), "source": source,
+        }.items():  # fmt: skip
+            object.__setattr__(self, key, value)
+
+

@@ -1,0 +1,65 @@
+"""Schedules: which model, with which time step, covers which part of the horizon."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from piaffe.errors import ProblemError
+
+from .source import Source, caller
+
+if TYPE_CHECKING:
+    from .model import ModelBase
+    from .term import Constraint, Cost
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A model over a stretch of time.
+
+    Args:
+        model: the model.
+        duration: length [s]; None until the motion ends.
+        dt: time step [s].
+        excluded: terms that are left out here.
+        source: where it was declared.
+    """
+
+    model: ModelBase
+    duration: float | None
+    dt: float
+    excluded: tuple[Cost | Constraint, ...] = ()
+    source: Source = field(default_factory=caller)
+
+    def __post_init__(self) -> None:
+        for name, value in (("dt", self.dt), ("duration", self.duration)):
+            if value is not None and not 0 < value < float("inf"):
+                raise ProblemError(
+                    f"schedule ({self.source}), model '{self.model.name}': {name} is out of range - got {value}, "
+                    "expected a positive number of seconds; give one"
+                )
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Segments in the order of time: ``body.over(0.25, dt=0.01) + srb.over(0.5, dt=0.05).without(limits)``."""
+
+    segments: tuple[Segment, ...]
+
+    def __add__(self, other: Schedule) -> Schedule:
+        if self.segments and self.segments[-1].duration is None:
+            last = self.segments[-1]
+            raise ProblemError(
+                f"schedule ({last.source}): nothing can follow a segment that runs until the end - got "
+                f"'{other.segments[0].model.name}' after '{last.model.name}'.until_end; use .over(duration, dt) first"
+            )
+        return Schedule(self.segments + other.segments)
+
+    def without(self, *terms: Cost | Constraint | Iterable[Cost | Constraint]) -> Schedule:
+        """Return the schedule with terms (or whole objectives, constraint sets) left out of all its segments."""
+        out: list[Cost | Constraint] = []
+        for term in terms:
+            out.extend(term if isinstance(term, Iterable) else (term,))
+        return Schedule(tuple(replace(s, excluded=s.excluded + tuple(out)) for s in self.segments))

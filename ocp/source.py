@@ -1,0 +1,29 @@
+"""Where a declaration was written: the file and line that messages name."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Source:
+    """A place in a user's file."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{Path(self.file).name}:{self.line}"
+
+
+def caller() -> Source:
+    """Return the nearest place on the call stack outside Piaffe and the standard library's helpers."""
+    frame = sys._getframe(1)
+    while frame.f_back is not None:
+        module = frame.f_globals.get("__name__", "")
+        if not module.startswith("piaffe.") and module not in ("dataclasses", "functools"):
+            break
+        frame = frame.f_back
+    return Source(frame.f_code.co_filename, frame.f_lineno)

@@ -1,0 +1,82 @@
+"""Trajectories: the plain record of a motion, phase by phase, that files store and references read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .manifold import Manifold
+from .quantity import Quantity
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseTrajectory:
+    """One phase of one model.
+
+    Args:
+        name: the motion phase's name.
+        mode: its mode as text, e.g. ``"FL HR"``.
+        model: the model's name.
+        times: node times (N+1,) [s].
+        states: (N+1, nx).
+        controls: (N, nu).
+        outputs: quantity → (N, size), e.g. contact forces.
+        state: layout of the states.
+        control: layout of the controls.
+        ends_phase: whether the motion's phase ends here (else the schedule cut it, or the horizon).
+    """
+
+    name: str
+    mode: str
+    model: str
+    times: Array
+    states: Array
+    controls: Array
+    outputs: Mapping[Quantity, Array]
+    state: Manifold
+    control: Manifold
+    ends_phase: bool = True
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return float(self.times[-1] - self.times[0])
+
+    def sample(self, t: float) -> dict[Quantity, Array]:
+        """Return state (interpolated on the manifold), control and outputs (held) at time t, clamped to the phase."""
+        t = float(np.clip(t, self.times[0], self.times[-1]))
+        i = int(np.clip(np.searchsorted(self.times, t + 1e-9, side="right") - 1, 0, len(self.times) - 2))
+        share = float(np.clip((t - self.times[i]) / (self.times[i + 1] - self.times[i]), 0.0, 1.0))
+        x0, x1 = self.states[i], self.states[i + 1]
+        sample = self.state.unpack(self.state.np_plus(x0, share * self.state.np_minus(x1, x0)))
+        sample.update(self.control.unpack(self.controls[i]))
+        sample.update({quantity: values[i] for quantity, values in self.outputs.items()})
+        return sample
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Phases in the order of time."""
+
+    phases: tuple[PhaseTrajectory, ...] = field(default=())
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return float(self.phases[-1].times[-1] - self.phases[0].times[0])
+
+    def phase_at(self, t: float) -> PhaseTrajectory:
+        """Return the phase at time t; the later one on a boundary."""
+        for phase in reversed(self.phases):
+            if t >= phase.times[0] - 1e-9:
+                return phase
+        return self.phases[0]
+
+    def sample(self, t: float) -> dict[Quantity, Array]:
+        """Return state, control and outputs at time t."""
+        return self.phase_at(t).sample(t)

@@ -1,0 +1,51 @@
+"""What a user's function sees: the quantities of one node, by attribute."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as cs
+
+from piaffe.errors import UnknownNameError
+
+from .model import Quantities
+from .quantity import Bound
+
+
+class Values(cs.SX):  # type: ignore[misc]  # casadi has no stubs
+    """A bound quantity: a CasADi expression whose components can also be taken by name, ``position["FL_HAA"]``."""
+
+    def __init__(self, bound: Bound) -> None:
+        super().__init__(bound.value)
+        self.bound = bound
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, str):
+            return cs.SX(self)[self.bound.indices(key)]
+        return super().__getitem__(key)
+
+
+class NodeView:
+    """The quantities of one node: ``s.joints.position``, ``s.frames["FL_KFE"].position[2]``, ``s.vz``.
+
+    Args:
+        quantities: what the model supplies.
+        prefix: the part of the path already walked.
+    """
+
+    def __init__(self, quantities: Quantities, prefix: str = "") -> None:
+        self._quantities = quantities
+        self._prefix = prefix
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        path = f"{self._prefix}.{name}" if self._prefix else name
+        if path in self._quantities:
+            return Values(self._quantities.bind(path))
+        if any(known.startswith(path + ".") for known in self._quantities.paths):
+            return NodeView(self._quantities, path)
+        raise UnknownNameError(f"model '{self._quantities.where}'", "quantity", path, self._quantities.paths)
+
+    def __getitem__(self, name: str) -> Any:
+        return self.__getattr__(name)
