@@ -1,0 +1,73 @@
+# Every target sets up what it needs by itself, in .venv (make VENV=... PYTHON=... for others).
+#
+#   make demo    solve the barrel roll, verify, plot and film it, into results/
+#   make test    everything that is checked before a merge; ends with pytest's summary
+#   make lint    ruff, mypy, import-linter
+#   make docs    the documentation, into site/
+#   make bench   time the solver
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+
+.NOTPARALLEL:
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow lint format docs bench clean
+
+help:
+	@sed -n '/^#  /s/^# *//p' Makefile
+
+# ------------------------------------------------------------------------------------------------------ environments
+# One environment, filled as far as a target needs; a change of pyproject.toml refills it.
+
+PIP_INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/core.stamp: pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --editable .
+	@touch $@
+
+$(VENV)/dev.stamp: pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --editable '.[dev]'
+	@touch $@ $(VENV)/core.stamp
+
+$(VENV)/bench.stamp: pyproject.toml | $(BIN)/python
+	$(PIP_INSTALL) --editable '.[bench]'
+	@touch $@ $(VENV)/core.stamp
+
+# ------------------------------------------------------------------------------------------------------------ targets
+
+demo: $(VENV)/core.stamp
+	@mkdir -p results
+	$(BIN)/piaffe solve examples/barrel_roll.py --save results/barrel_roll.npz
+	$(BIN)/piaffe verify results/barrel_roll.npz examples/barrel_roll.py
+	$(BIN)/piaffe plot results/barrel_roll.npz -o results/barrel_roll.png
+	-$(BIN)/piaffe video results/barrel_roll.npz -o results/barrel_roll.mp4
+	@ls results
+
+test: lint
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+
+test-slow: lint
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+lint: $(VENV)/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/dev.stamp
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+docs: $(VENV)/dev.stamp
+	$(BIN)/mkdocs build --strict
+
+bench: $(VENV)/bench.stamp
+	$(BIN)/python benchmarks/solve_time.py
+
+clean:
+	rm -rf build dist site src/piaffe.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

@@ -1,0 +1,1 @@
+"""Sampling controllers on MuJoCo rollouts of a declared problem; empty until the first of them is written."""
