@@ -1,5 +1,23 @@
 """Robots, their dynamics as CasADi models, gaits and the constraints that go with legs."""
 
+from .constraints import base_height as base_height
+from .constraints import foot_clearance as foot_clearance
+from .constraints import friction_cone as friction_cone
+from .constraints import joint_limits as joint_limits
+from .constraints import joint_speed_limits as joint_speed_limits
+from .constraints import torque_limits as torque_limits
+from .kinematics import Kinematics as Kinematics
 from .loaders import load as load
+from .mujoco_scene import mujoco_model as mujoco_model
+from .mujoco_scene import mujoco_spec as mujoco_spec
+from .quantities import base as base
+from .quantities import com as com
+from .quantities import feet as feet
+from .quantities import frames as frames
+from .quantities import joints as joints
+from .quantities import momentum as momentum
 from .robot import Foot as Foot
 from .robot import Robot as Robot
+from .stance import Stance as Stance
+from .stance import stance as stance
+from .whole_body import WholeBody as WholeBody

@@ -1,0 +1,105 @@
+"""The whole body in numbers: NumPy in, NumPy out, through cached CasADi functions."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .legged import LeggedModel
+from .recursions import Inertials, Point, Recursion, Tree
+from .stance import Stance
+
+Array = NDArray[np.float64]
+Contacts = str | Stance
+
+
+class NumericWholeBody(LeggedModel):
+    """Numbers of a :class:`WholeBody`; ``feet`` names those on the ground, ``"FL HR"``, and ``parameters`` are slots.
+
+    Quantities of v and a are in the state's layout: world linear, body angular, joints.
+    """
+
+    tree: Tree
+    contacts: tuple[Point, ...]
+
+    def acceleration(self, x: ArrayLike, u: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
+        """Return dv/dt, (nv,)."""
+        return self._solve_contact(x, u, feet, parameters)[: self.tree.nv]
+
+    def contact_forces(self, x: ArrayLike, u: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
+        """Return the world force of the ground on each foot, (nf, 3) [N], zero for feet in the air."""
+        forces = self._solve_contact(x, u, feet, parameters)[self.tree.nv :].reshape(-1, 3)
+        return forces * self.flags(feet)[:, None]
+
+    def impact(self, x: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
+        """Return the state after the feet that ``feet`` names have landed without bouncing, (nx,)."""
+        state = self.checked("x", x, self.state.nx)
+        p = self.numbers(landing=self.flags(feet), **parameters)
+        residual, matrix = self._functions["impact"](state, *p.values())
+        z = -np.linalg.solve(matrix.full(), residual.full().ravel())
+        return np.concatenate([state[: self.tree.nv + 1], z[: self.tree.nv]])
+
+    def step(self, x: ArrayLike, u: ArrayLike, feet: Contacts, dt: float, **parameters: Any) -> Array:
+        """Return the state one time step later, (nx,), its quaternion of unit length."""
+        p = self.numbers(contact=self.flags(feet), **parameters)
+        z = self._solve_contact(x, u, feet, parameters)
+        return self.state.np_normalise(self._functions["step"](x, u, z, dt, *p.values()).full().ravel())
+
+    def foot_positions(self, x: ArrayLike) -> Array:
+        """Return the world positions of the feet's frames, (nf, 3) [m]."""
+        return self._call("feet", x).reshape(-1, 3)
+
+    def contact_jacobian(self, x: ArrayLike) -> Array:
+        """Return J with J v the stacked world velocities of the feet, (3 nf, nv)."""
+        return self._call("jacobian", x)
+
+    def mass_matrix(self, x: ArrayLike, **parameters: Any) -> Array:
+        """Return M, rotors included, (nv, nv)."""
+        return self._call("mass_matrix", x, **parameters)
+
+    def bias(self, x: ArrayLike, **parameters: Any) -> Array:
+        """Return n, the generalised force that velocity and gravity take at a = 0, (nv,)."""
+        return self._call("bias", x, **parameters).ravel()
+
+    def _solve_contact(self, x: ArrayLike, u: ArrayLike, feet: Contacts, parameters: dict[str, Any]) -> Array:
+        """Return z = (a, F)."""
+        state = self.checked("x", x, self.state.nx)
+        control = self.checked("u", u, self.control.nx)
+        p = self.numbers(contact=self.flags(feet), **parameters)
+        residual, matrix = self._functions["contact"](state, control, *p.values())
+        z: Array = -np.linalg.solve(matrix.full(), residual.full().ravel())
+        return z
+
+    def _call(self, name: str, x: ArrayLike, **parameters: Any) -> Array:
+        state = self.checked("x", x, self.state.nx)
+        value: Array = self._functions[name](state, *self.numbers(**parameters).values()).full()
+        return value
+
+    @cached_property
+    def _functions(self) -> dict[str, cs.Function]:
+        """Every function above, compiled for CasADi's virtual machine."""
+        nq, nv = self.tree.nv + 1, self.tree.nv
+        x, u, dt = cs.SX.sym("x", self.state.nx), cs.SX.sym("u", self.control.nx), cs.SX.sym("dt")
+        z, nothing = cs.SX.sym("z", self.implicit_size("contact")), cs.SX.zeros(self.implicit_size("contact"))
+        p = {slot.name: cs.SX.sym(slot.name, slot.size) for slot in self.slots}
+        slots, v = list(p.values()), cs.SX.sym("v", nv)
+        dynamics = self.dynamics("contact", x, u, z, {**p, "dt": dt})
+        reset = self.reset("contact", x, z, p)
+        rest, moving = Recursion(self.tree, x[:nq]), Recursion(self.tree, x[:nq], x[nq:])
+        body = Inertials.of(p["link_mass"], p["link_com"], p["link_inertia"])
+        sweep = Recursion(self.tree, x[:nq], v)
+        M = rest.mass_matrix(body) + cs.diag(cs.vertcat(cs.SX(6, 1), p["armature"]))
+        outputs: dict[str, tuple[list[cs.SX], list[cs.SX]]] = {
+            "contact": ([x, u], [cs.substitute(dynamics.implicit, z, nothing), cs.jacobian(dynamics.implicit, z)]),
+            "impact": ([x], [cs.substitute(reset.implicit, z, nothing), cs.jacobian(reset.implicit, z)]),
+            "step": ([x, u, z, dt], [dynamics.next_state]),
+            "feet": ([x], [cs.vertcat(*map(rest.point, self.contacts))]),
+            "jacobian": ([x], [cs.jacobian(cs.vertcat(*map(sweep.velocity, self.contacts)), v)]),
+            "mass_matrix": ([x], [M]),
+            "bias": ([x], [moving.inverse_dynamics(body, p["gravity"])]),
+        }
+        return {name: cs.Function(name, [*inputs, *slots], values) for name, (inputs, values) in outputs.items()}

@@ -1,0 +1,143 @@
+"""What the models of one legged robot share: contact sets as modes, keyframes, the frame a motion moves in."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe.ocp import rotation
+from piaffe.ocp.manifold import Block, Manifold
+from piaffe.ocp.model import ModelBase, Node, Sample, Slot
+from piaffe.ocp.quantity import Quantity
+
+from .postures import XYZ, RobotState, translate
+from .quantities import base
+from .robot import Robot
+from .stance import Stance, stance
+
+Array = NDArray[np.float64]
+
+POSE_BLOCKS = (Block(base.position, XYZ), Block(base.orientation, XYZ))
+VELOCITY_BLOCKS = (
+    Block(base.linear_velocity, XYZ, rate_of=base.position),
+    Block(base.angular_velocity, XYZ, rate_of=base.orientation),
+)
+
+
+def integrate(q: cs.SX, v: cs.SX, dt: cs.SX) -> cs.SX:
+    """Return q ⊕ v dt of a floating base and joints, (nq, 1); v in the state's layout."""
+    turned = rotation.multiply(q[3:7], rotation.exp(v[3:6] * dt))
+    return cs.vertcat(q[:3] + v[:3] * dt, turned, q[7:] + v[6:] * dt)
+
+
+class LeggedModel(ModelBase):
+    """A model of a robot whose modes are contact sets; all contact sets share one set of dynamics, ``"contact"``.
+
+    Args:
+        robot: the robot.
+        name: name of the model.
+        state: the blocks of its state.
+        control: its control space.
+        slots: its parameters and their defaults.
+        cut_by_modes: whether a change of contacts begins a new phase.
+    """
+
+    state: RobotState
+    robot: Robot
+
+    def __init__(
+        self,
+        robot: Robot,
+        name: str,
+        state: tuple[Block, ...],
+        control: Manifold,
+        *,
+        slots: Mapping[str, Any],
+        cut_by_modes: bool = True,
+    ) -> None:
+        fixed = tuple(Slot(key, np.size(value), tuple(np.ravel(value).astype(float))) for key, value in slots.items())
+        super().__init__(name, RobotState(state, robot), control, slots=fixed, cut_by_modes=cut_by_modes)
+        self.robot = robot
+
+    @property
+    def num_feet(self) -> int:
+        """Number of feet nf."""
+        return len(self.robot.feet)
+
+    # ---- modes
+
+    def mode_key(self, mode: Hashable) -> str:
+        """Return ``"contact"``: contact sets differ in numbers alone."""
+        self.resolve(mode)
+        return "contact"
+
+    def resolve(self, mode: Hashable) -> Stance:
+        """Return the contact set in the robot's names of feet, from a stance or a string of names."""
+        if isinstance(mode, str):
+            mode = stance(mode)
+        if not isinstance(mode, Stance):
+            raise ModelError(
+                f"model '{self.name}': mode is no contact set - got {mode!r}, expected the feet on the ground; give "
+                f"stance('{' '.join(self.robot.foot_names)}'), or stance('') for flight"
+            )
+        return mode.resolve(self.robot)
+
+    def flags(self, mode: Hashable) -> Array:
+        """Return 1 for each foot of a contact set and 0 for the others, (nf,)."""
+        names = self.resolve(mode).feet
+        return np.array([float(foot.name in names) for foot in self.robot.feet])
+
+    def node_parameters(self, node: Node) -> dict[str, Array]:
+        """Return the contact flags of a node, and which feet land at the phase's end."""
+        contact = self.flags(node.mode)
+        ends = node.next_mode is not None
+        landing = np.maximum(self.flags(node.next_mode) - contact, 0.0) if ends else np.zeros(self.num_feet)
+        return {"contact": contact, "landing": landing}
+
+    # ---- targets
+
+    def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
+        """Translate a keyframe's entries to quantities, see :func:`piaffe.models.postures.translate`."""
+        return translate(self.robot, f"keyframe for model '{self.name}'", values)
+
+    def planar_frame(self, sample: Sample) -> tuple[float, float, float]:
+        """Return x, y [m] and yaw [rad] of the base."""
+        position = sample[base.position]
+        yaw = rotation.np_to_rpy(sample[base.orientation])[2]
+        return (float(position[0]), float(position[1]), float(yaw))
+
+    # ---- parameters in numbers
+
+    def numbers(self, **changed: Any) -> dict[str, Array]:
+        """Return the value of every slot, its default unless given."""
+        values = {slot.name: np.array(slot.default) for slot in self.slots}
+        for name, value in changed.items():
+            if name not in values:
+                raise UnknownNameError(f"model '{self.name}'", "parameter", name, values)
+            array: Array = np.ravel(np.asarray(value, dtype=float))
+            if array.shape != values[name].shape:
+                raise ShapeError(
+                    f"model '{self.name}', parameter '{name}': wrong size - got {array.size} entries, expected "
+                    f"{values[name].size}; give one per entry"
+                )
+            values[name] = array
+        return values
+
+    def checked(self, name: str, values: Any, size: int) -> Array:
+        """Return an argument as a flat array; raise ShapeError unless it has ``size`` entries."""
+        array: Array = np.ravel(np.asarray(values, dtype=float))
+        if array.size != size:
+            raise ShapeError(
+                f"model '{self.name}', argument '{name}': wrong size - got {array.size} entries, expected {size}; "
+                "give one per component"
+            )
+        return array
+
+    def symbols(self) -> dict[str, cs.SX]:
+        """Return a symbol for every slot, and ``"dt"``."""
+        return {**{slot.name: cs.SX.sym(slot.name, slot.size) for slot in self.slots}, "dt": cs.SX.sym("dt")}

@@ -1,0 +1,140 @@
+"""Keyframes and states of a robot in a user's words: ``position``, ``rpy``, ``joints`` and their velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ShapeError, UnknownNameError
+from piaffe.ocp import rotation
+from piaffe.ocp.manifold import Block, Manifold
+from piaffe.ocp.quantity import Quantity
+
+from . import quantities
+from .quantities import base, com, feet, momentum
+from .robot import Robot, to_pinocchio
+
+Array = NDArray[np.float64]
+XYZ = ("x", "y", "z")
+SHORT_NAMES = {
+    "position": base.position,
+    "rpy": base.orientation,
+    "joints": quantities.joints.position,
+    "linear_velocity": base.linear_velocity,
+    "angular_velocity": base.angular_velocity,
+    "joint_velocities": quantities.joints.velocity,
+}
+
+
+def foot_labels(robot: Robot) -> tuple[str, ...]:
+    """Return the labels of stacked feet: ``"FL x"``, ``"FL y"``, …"""
+    return tuple(f"{foot.name} {axis}" for foot in robot.feet for axis in XYZ)
+
+
+def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
+    """Return the quantities of a robot that a target can name, and the labels of their components."""
+    joints, stacked = quantities.joints, foot_labels(robot)
+    return {
+        **dict.fromkeys([base.position, base.orientation, base.linear_velocity, base.angular_velocity], XYZ),
+        **dict.fromkeys([joints.position, joints.velocity, joints.acceleration, joints.torque], robot.joint_names),
+        **dict.fromkeys([feet.position, feet.velocity, feet.force], stacked),
+        feet.height: robot.foot_names,
+        **dict.fromkeys([com.position, com.velocity, momentum], XYZ),
+    }
+
+
+def translate(robot: Robot, where: str, values: Mapping[str, object]) -> dict[Quantity, Array]:
+    """Translate a keyframe's entries to quantities.
+
+    Args:
+        robot: the robot.
+        where: whose keyframe it is, for messages.
+        values: any of ``position`` [m], ``rpy`` (with its winding) [rad], ``joints`` (numbers, a pose's name or a
+            mapping of joint names) [rad], ``linear_velocity`` (world) [m/s], ``angular_velocity`` (body axes) [rad/s],
+            ``joint_velocities`` [rad/s], or the path of a quantity, as ``"feet.force"``.
+    """
+    labels = quantity_labels(robot)
+    paths = {quantity.path: quantity for quantity in labels}
+    targets: dict[Quantity, Array] = {}
+    for key, value in values.items():
+        quantity = SHORT_NAMES.get(key) or paths.get(key)
+        if quantity is None:
+            raise UnknownNameError(where, "target", key, [*SHORT_NAMES, *paths])
+        if quantity == quantities.joints.position:
+            targets[quantity] = robot.pose(value)
+            continue
+        array: Array = np.atleast_1d(np.array(value, dtype=float))
+        if array.shape != (len(labels[quantity]),):
+            raise ShapeError(
+                f"{where}, target '{key}': wrong size - got shape {array.shape}, expected ({len(labels[quantity])},) "
+                f"for {', '.join(labels[quantity])} [{quantity.unit}]; give one per component"
+            )
+        targets[quantity] = array
+    return targets
+
+
+def place_feet(robot: Robot, position: Array, orientation: Array, joint_angles: Array) -> Array:
+    """Return the world positions of the feet's frames, (nf, 3) [m], from the base's pose and the joint angles."""
+    q, _ = to_pinocchio(np.concatenate([position, orientation, joint_angles, np.zeros(robot.model.nv)]))
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    return np.array([data.oMf[robot.frame_id(foot.frame)].translation for foot in robot.feet])
+
+
+class RobotState(Manifold):
+    """A robot's state space; called, it returns a state: ``body.state(joints="crouch", rpy=(0, 0.1, 0))``.
+
+    Args:
+        blocks: the parts of the state, among those that keyframes name.
+        robot: the robot.
+    """
+
+    robot: Robot
+
+    def __init__(self, blocks: tuple[Block, ...], robot: Robot) -> None:
+        super().__init__(blocks)
+        object.__setattr__(self, "robot", robot)
+
+    def __eq__(self, other: object) -> bool:
+        return self.blocks == other.blocks if isinstance(other, Manifold) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash((self.blocks,))
+
+    def __call__(
+        self,
+        position: ArrayLike | None = None,
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        joints: object = "stand",
+        linear_velocity: ArrayLike = (0.0, 0.0, 0.0),
+        angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
+        joint_velocities: ArrayLike | None = None,
+    ) -> Array:
+        """Return a state, (nx,), at rest unless velocities are given.
+
+        Args:
+            position: of the base [m]; by default above the origin, the lowest foot touching the ground at z = 0.
+            rpy: roll, pitch, yaw of the base [rad].
+            joints: a pose's name, n numbers, or a mapping of joint names [rad].
+            linear_velocity: of the base's origin, world axes [m/s].
+            angular_velocity: of the base, body axes [rad/s].
+            joint_velocities: n numbers [rad/s].
+        """
+        words = {
+            "rpy": rpy,
+            "joints": joints,
+            "linear_velocity": linear_velocity,
+            "angular_velocity": angular_velocity,
+            "joint_velocities": np.zeros(self.robot.num_joints) if joint_velocities is None else joint_velocities,
+        }
+        where = f"state of '{self.robot.name}'"
+        given = translate(self.robot, where, words)
+        given[base.orientation] = rotation.np_from_rpy(given[base.orientation])
+        if position is None:
+            placed = place_feet(self.robot, np.zeros(3), given[base.orientation], given[SHORT_NAMES["joints"]])
+            position = (0.0, 0.0, self.robot.foot_radius - float(placed[:, 2].min()))
+        given.update(translate(self.robot, where, {"position": position}))
+        return self.pack(given)

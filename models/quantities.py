@@ -1,0 +1,49 @@
+"""The quantities of legged robots. Models bind those that they have; a term that none binds is an error.
+
+World axes unless said otherwise; stacked feet are flat, (3 nf,), in the robot's order of feet.
+"""
+
+from __future__ import annotations
+
+from piaffe.ocp.quantity import Quantity, QuantityGroup, group
+
+base = group(
+    "base",
+    position=("m", "point"),
+    orientation=("rad", "rotation"),
+    linear_velocity=("m/s", "direction"),
+    angular_velocity="rad/s",
+)
+"""The floating base's origin: world position and velocity, attitude, angular velocity in *body* axes."""
+
+joints = group("joints", position="rad", velocity="rad/s", acceleration="rad/s^2", torque="Nm")
+"""The actuated joints, in state order."""
+
+feet = group(
+    "feet",
+    position=("m", "point"),
+    velocity=("m/s", "direction"),
+    force=("N", "direction"),
+    height="m",
+    contact="",
+    landing="",
+)
+"""The feet. ``height`` is the gap between ball and terrain; ``force`` acts on the robot, zero for feet in the air;
+``contact`` is 1 for feet on the ground, ``landing`` for feet that touch down at the phase's end."""
+
+com = group("com", position=("m", "point"), velocity=("m/s", "direction"))
+"""The centre of mass of the whole robot."""
+
+momentum = Quantity("momentum", "kg m^2/s", "direction")
+"""Angular momentum about the centre of mass, world axes (the linear part is the mass times ``com.velocity``)."""
+
+
+class Frames:
+    """Any frame of the robot by its URDF name: ``frames["FL_KFE"].position``."""
+
+    def __getitem__(self, name: str) -> QuantityGroup:
+        return group(f"frames.{name}", position=("m", "point"), velocity=("m/s", "direction"))
+
+
+frames = Frames()
+"""Links and joints by name; ``position`` and ``velocity`` of the frame's origin."""

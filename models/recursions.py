@@ -1,0 +1,354 @@
+"""Rigid-body recursions over a tree: inverse dynamics, mass matrix, motion of points, as CasADi expressions.
+
+The tree is a floating base (link 0) with revolute joints; its numbers come from a ``pinocchio.Model``. Layout is the
+state's: ``q`` = world position of the base origin, quaternion (w, x, y, z), joint angles; ``v`` = world velocity of the
+base origin, body angular velocity, joint velocities; ``a`` = dv/dt. Forces are dual to v: world force on the base, body
+torque about its origin, joint torques.
+
+Vectors live in the frame of their link. Two choices keep the expressions, and above all their derivatives, small:
+
+* A link feels rotation only through Ω = [α×] + [ω×]², the matrix that maps a fixed point r to its acceleration Ω r.
+  With first moment h = ∫ r dm and second moment Σ = ∫ r rᵀ dm about the link's origin, which moves with e::
+
+      f = m e + Ω h,        n = ∫ r × (e + Ω r) dm = h × e + vee(Ω Σ)
+
+* The recursion runs *relative to the base origin*. What the origin's acceleration and gravity add is one pull through
+  the first moments of the subtrees, so derivatives with respect to attitude, base acceleration and contact force pass
+  through a few instructions and not through the tree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError
+from piaffe.ocp import rotation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A point fixed to a link.
+
+    Args:
+        link: index of the link, 0 for the base.
+        offset: position in the link's frame, (3,) [m].
+    """
+
+    link: int
+    offset: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """The geometry of a tree of links; link i > 0 hangs on its parent by revolute joint i − 1.
+
+    Args:
+        parents: parent of every link, −1 for the base; a parent comes before its children.
+        rotations: orientation of every joint in its parent's frame at angle zero, (nb, 3, 3).
+        offsets: position of every joint in its parent's frame, (nb, 3) [m].
+        axes: joint axis in the link's own frame, (nb, 3).
+        mass: (nb,) [kg].
+        com: centre of mass in the link's frame, (nb, 3) [m].
+        inertia: about the centre of mass, in the link's axes, as xx, yy, zz, xy, xz, yz, (nb, 6) [kg m²].
+    """
+
+    parents: tuple[int, ...]
+    rotations: Array
+    offsets: Array
+    axes: Array
+    mass: Array
+    com: Array
+    inertia: Array
+
+    @staticmethod
+    def from_pinocchio(model: pin.Model) -> Tree:
+        """Read the numbers of a model with a free-flyer root and revolute joints.
+
+        Raises:
+            ModelError: the first joint is no free flyer, or another is not revolute with one angle.
+        """
+        if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
+            raise ModelError(
+                f"robot '{model.name}': no floating base - got {model.njoints - 1} joints, expected a free-flyer first; "
+                "build the model with pinocchio.JointModelFreeFlyer()"
+            )
+        axes = np.zeros((model.njoints - 1, 3))
+        for i in range(2, model.njoints):
+            axes[i - 1] = _axis(model, i)
+        inertias = [model.inertias[i] for i in range(1, model.njoints)]
+        tensors = np.array([link.inertia for link in inertias])
+        return Tree(
+            parents=tuple(int(model.parents[i]) - 1 for i in range(1, model.njoints)),
+            rotations=np.array([_clean(model.jointPlacements[i].rotation) for i in range(1, model.njoints)]),
+            offsets=np.array([_clean(model.jointPlacements[i].translation) for i in range(1, model.njoints)]),
+            axes=axes,
+            mass=np.array([link.mass for link in inertias]),
+            com=np.array([link.lever for link in inertias]),
+            inertia=tensors[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]],
+        )
+
+    @property
+    def num_links(self) -> int:
+        """Number of links, the base included."""
+        return len(self.parents)
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities: six of the base, one per joint."""
+        return self.num_links + 5
+
+    def path(self, link: int) -> list[int]:
+        """Return the links from ``link`` up to, and without, the base."""
+        links = []
+        while link > 0:
+            links.append(link)
+            link = self.parents[link]
+        return links
+
+
+@dataclass(frozen=True, eq=False)
+class Inertials:
+    """What the links weigh: m, first moment h and second moment Σ of every link about its origin, as expressions."""
+
+    mass: list[cs.SX]
+    first: list[cs.SX]
+    second: list[cs.SX]
+
+    @staticmethod
+    def of(mass: cs.SX, com: cs.SX, inertia: cs.SX) -> Inertials:
+        """Convert masses (nb,), centres of mass (3 nb,) and inertias (6 nb,), stacked as in :class:`Tree`."""
+        first, second = [], []
+        for i in range(mass.numel()):
+            c, (xx, yy, zz, xy, xz, yz) = com[3 * i : 3 * i + 3], cs.vertsplit(inertia[6 * i : 6 * i + 6])
+            half = (xx + yy + zz) / 2
+            about_com = [[half - xx, -xy, -xz], [-xy, half - yy, -yz], [-xz, -yz, half - zz]]
+            first.append(mass[i] * c)
+            second.append(_matrix(about_com) + mass[i] * c @ c.T)
+        return Inertials(cs.vertsplit(mass), first, second)
+
+
+class Recursion:
+    """A tree in one state: positions, velocities, accelerations of its points, and the forces that its motion takes.
+
+    Args:
+        tree: the tree.
+        q: configuration, (7 + n, 1); the quaternion is used as given, unit or not.
+        v: velocity, (6 + n, 1); None at rest.
+        a: acceleration, (6 + n, 1); None for zero.
+    """
+
+    def __init__(self, tree: Tree, q: cs.SX, v: cs.SX | None = None, a: cs.SX | None = None) -> None:
+        self.tree = tree
+        self.position = q[:3]
+        self.attitude = rotation.matrix(q[3:7])
+        self.v = cs.SX.zeros(tree.nv) if v is None else v
+        self.a = cs.SX.zeros(tree.nv) if a is None else a
+        turns = [self.attitude]
+        for i in range(1, tree.num_links):
+            turns.append(_turn(tree.rotations[i], tree.axes[i], q[6 + i]))
+        self._turns = turns
+
+    # ---- motion of the links, outwards
+
+    @cached_property
+    def _omega(self) -> list[cs.SX]:
+        omega = [self.v[3:6]]
+        for i in range(1, self.tree.num_links):
+            omega.append(self._turns[i].T @ omega[self.tree.parents[i]] + self.tree.axes[i] * self.v[5 + i])
+        return omega
+
+    @cached_property
+    def _spin(self) -> list[cs.SX]:
+        """Ω of every link, from its angular acceleration and velocity."""
+        alpha = [self.a[3:6]]
+        for i in range(1, self.tree.num_links):
+            rate = self.tree.axes[i] * self.v[5 + i]
+            carried = self._turns[i].T @ alpha[self.tree.parents[i]]
+            alpha.append(carried + self.tree.axes[i] * self.a[5 + i] + cs.cross(self._omega[i], rate))
+        return [_spin(alpha_i, omega_i) for alpha_i, omega_i in zip(alpha, self._omega, strict=True)]
+
+    def _carry(self, maps: list[cs.SX]) -> list[cs.SX]:
+        """Return how fast every link's origin moves relative to the base origin, when ``maps`` carry points."""
+        moved = [cs.SX.zeros(3)]
+        for i in range(1, self.tree.num_links):
+            parent = self.tree.parents[i]
+            moved.append(self._turns[i].T @ (moved[parent] + maps[parent] @ self.tree.offsets[i]))
+        return moved
+
+    # ---- points
+
+    def _relative(self, point: Point) -> list[cs.SX]:
+        """Return the point relative to the origin of each link on its path, in that link's frame, the base last."""
+        arms = [cs.SX(point.offset)]
+        for i in self.tree.path(point.link):
+            arms.append(self.tree.offsets[i] + self._turns[i] @ arms[-1])
+        return arms
+
+    def _swept(self, point: Point, maps: list[cs.SX]) -> cs.SX:
+        """Return how a point moves relative to the base origin, in base axes, when ``maps`` carry points."""
+        swept, offset, link = cs.SX.zeros(3), point.offset, point.link
+        for i in self.tree.path(point.link):
+            swept = self._turns[i] @ (swept + maps[i] @ offset)
+            offset, link = self.tree.offsets[i], self.tree.parents[i]
+        return swept + maps[link] @ offset
+
+    def point(self, point: Point) -> cs.SX:
+        """Return a point's world position, (3, 1) [m]."""
+        return self.position + self.attitude @ self._relative(point)[-1]
+
+    def velocity(self, point: Point) -> cs.SX:
+        """Return a point's world velocity, (3, 1) [m/s]."""
+        return self.v[:3] + self.attitude @ self._swept(point, [cs.skew(w) for w in self._omega])
+
+    def acceleration(self, point: Point, gamma: cs.SX | float = 0.0) -> cs.SX:
+        """Return a point's world (classical) acceleration, plus γ times its velocity, (3, 1) [m/s²]."""
+        maps = [spin + gamma * cs.skew(w) for spin, w in zip(self._spin, self._omega, strict=True)]
+        return self.a[:3] + gamma * self.v[:3] + self.attitude @ self._swept(point, maps)
+
+    # ---- forces, inwards
+
+    def _gather(self, maps: list[cs.SX], body: Inertials) -> tuple[cs.SX, list[cs.SX]]:
+        """Return the force on the base, and per link the moment about its origin, that the carried masses take."""
+        moved = self._carry(maps)
+        force, moment = [], []
+        for m, h, second, e, spin in zip(body.mass, body.first, body.second, moved, maps, strict=True):
+            force.append(m * e + spin @ h)
+            moment.append(cs.cross(h, e) + _vee(spin @ second))
+        for i in reversed(range(1, self.tree.num_links)):
+            parent, pull = self.tree.parents[i], self._turns[i] @ force[i]
+            force[parent] += pull
+            moment[parent] += self._turns[i] @ moment[i] + cs.cross(cs.SX(self.tree.offsets[i]), pull)
+        return force[0], moment
+
+    def _subtree_first(self, body: Inertials) -> tuple[list[cs.SX], list[cs.SX]]:
+        """Return mass and first moment of every subtree about its root's origin."""
+        mass, first = list(body.mass), list(body.first)
+        for i in reversed(range(1, self.tree.num_links)):
+            first[self.tree.parents[i]] += mass[i] * self.tree.offsets[i] + self._turns[i] @ first[i]
+            mass[self.tree.parents[i]] += mass[i]
+        return mass, first
+
+    def inverse_dynamics(self, body: Inertials, gravity: cs.SX, forces: Sequence[tuple[Point, cs.SX]] = ()) -> cs.SX:
+        """Return the generalised force that the acceleration takes beyond gravity and world forces on points.
+
+        Args:
+            body: what the links weigh.
+            gravity: world gravity, (3, 1) [m/s²].
+            forces: points and the world force on each, (3, 1) [N].
+
+        Returns:
+            World force on the base, body torque about its origin, joint torques, (6 + n, 1).
+        """
+        tree = self.tree
+        base_force, moment = self._gather(self._spin, body)
+        mass, first = self._subtree_first(body)
+        pull = [self.attitude.T @ (self.a[:3] - gravity)]
+        for i in range(1, tree.num_links):
+            pull.append(self._turns[i].T @ pull[tree.parents[i]])
+        moment = [n + cs.cross(h, g) for n, h, g in zip(moment, first, pull, strict=True)]
+        linear = mass[0] * (self.a[:3] - gravity) + self.attitude @ base_force
+        for point, force in forces:
+            linear -= force
+            links = [*tree.path(point.link), 0]
+            turned = {0: self.attitude.T @ force}
+            for i in reversed(links[:-1]):
+                turned[i] = self._turns[i].T @ turned[tree.parents[i]]
+            for i, arm in zip(links, self._relative(point), strict=True):
+                moment[i] -= cs.cross(arm, turned[i])
+        torques = [cs.dot(tree.axes[i], moment[i]) for i in range(1, tree.num_links)]
+        return cs.vertcat(linear, moment[0], *torques)
+
+    # ---- sums over the tree
+
+    def mass_matrix(self, body: Inertials) -> cs.SX:
+        """Return the joint-space inertia M of the layout, (6 + n, 6 + n), by composite bodies."""
+        tree, (mass, first), second = self.tree, self._subtree_first(body), list(body.second)
+        for i in reversed(range(1, tree.num_links)):
+            p, h = cs.SX(tree.offsets[i]), self._turns[i] @ first[i]
+            shifted = self._turns[i] @ second[i] @ self._turns[i].T + p @ h.T + h @ p.T + mass[i] * p @ p.T
+            second[tree.parents[i]] += shifted
+        M = cs.SX(tree.nv, tree.nv)
+        M[:3, :3] = mass[0] * cs.SX.eye(3)
+        M[3:6, :3] = cs.skew(first[0]) @ self.attitude.T
+        M[3:6, 3:6] = cs.trace(second[0]) * cs.SX.eye(3) - second[0]
+        for i in range(1, tree.num_links):
+            force, moment = cs.cross(cs.SX(tree.axes[i]), first[i]), _vee(cs.skew(tree.axes[i]) @ second[i])
+            for j in [*tree.path(i), 0]:
+                if j:
+                    M[5 + i, 5 + j] = M[5 + j, 5 + i] = cs.dot(tree.axes[j], moment)
+                    force = self._turns[j] @ force
+                    moment = self._turns[j] @ moment + cs.cross(cs.SX(tree.offsets[j]), force)
+            M[5 + i, :3], M[5 + i, 3:6] = (self.attitude @ force).T, moment.T
+        lower = cs.tril(M, False)
+        return cs.tril(M) + lower.T
+
+    def centre_of_mass(self, body: Inertials) -> cs.SX:
+        """Return the world position of the centre of mass, (3, 1) [m]."""
+        mass, first = self._subtree_first(body)
+        return self.position + self.attitude @ (first[0] / mass[0])
+
+    def momentum(self, body: Inertials) -> tuple[cs.SX, cs.SX]:
+        """Return world momentum [kg m/s] and world angular momentum about the centre of mass [kg m²/s], (3, 1) each."""
+        mass, first = self._subtree_first(body)
+        relative, moment = self._gather([cs.skew(w) for w in self._omega], body)
+        about_com = moment[0] - cs.cross(first[0] / mass[0], relative)
+        return mass[0] * self.v[:3] + self.attitude @ relative, self.attitude @ about_com
+
+
+def _axis(model: pin.Model, joint: int) -> Array:
+    """Return the axis of a revolute joint, (3,)."""
+    kind = model.joints[joint]
+    if kind.nq != 1 or kind.nv != 1:
+        raise ModelError(
+            f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got nq {kind.nq}"
+            ", expected a revolute joint with one angle; give it limits in the URDF or lock it"
+        )
+    data = kind.createData()
+    kind.calc(data, pin.neutral(model))
+    subspace = np.asarray(data.S, dtype=float).reshape(6)
+    if np.any(subspace[:3]):
+        raise ModelError(
+            f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got a sliding "
+            f"joint, expected a revolute one; fix it in the URDF"
+        )
+    return _clean(subspace[3:])
+
+
+def _clean(numbers: Array) -> Array:
+    """Round away the noise of URDF angles, so that zeros stay zeros in expressions."""
+    numbers = np.array(numbers, dtype=float)
+    for exact in (0.0, 1.0, -1.0):
+        numbers[np.abs(numbers - exact) < 1e-14] = exact
+    return numbers
+
+
+def _turn(placed: Array, axis: Array, angle: cs.SX) -> cs.SX:
+    """Return the rotation of a link's frame in its parent's, (3, 3)."""
+    s, c, cross = cs.sin(angle), cs.cos(angle), np.asarray(cs.DM(cs.skew(axis)))
+    return placed @ np.outer(axis, axis) + c * (placed @ (np.eye(3) - np.outer(axis, axis))) + s * (placed @ cross)
+
+
+def _matrix(rows: list[list[cs.SX]]) -> cs.SX:
+    return cs.vertcat(*(cs.horzcat(*row) for row in rows))
+
+
+def _spin(alpha: cs.SX, omega: cs.SX) -> cs.SX:
+    """Return Ω = [α×] + [ω×]², (3, 3)."""
+    x, y, z = cs.vertsplit(omega)
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    a, b, c = cs.vertsplit(alpha)
+    return _matrix([[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]])
+
+
+def _vee(carried: cs.SX) -> cs.SX:
+    """Return ∫ r × (Ω r) dm from Ω Σ, (3, 1)."""
+    return cs.vertcat(carried[2, 1] - carried[1, 2], carried[0, 2] - carried[2, 0], carried[1, 0] - carried[0, 1])

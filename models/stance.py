@@ -1,0 +1,53 @@
+"""Contact sets: which feet are on the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from piaffe.errors import ModelError
+
+from .robot import Robot
+
+
+@dataclass(frozen=True)
+class Stance:
+    """A set of feet on the ground; equal sets are equal values. Made by :func:`stance`.
+
+    Args:
+        feet: names, sorted.
+        roles: further feet by what they are, to be looked up in a robot: each entry names the feet that have all of
+            its roles, ``"front left"``.
+    """
+
+    feet: tuple[str, ...] = ()
+    roles: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return " ".join((*self.feet, *(f"<{role}>" for role in self.roles)))
+
+    def resolve(self, robot: Robot) -> Stance:
+        """Return the same set in the robot's names; raise UnknownNameError for a foot or role that it lacks."""
+        names = {robot.foot(name).name for name in self.feet}
+        for role in self.roles:
+            found = robot.feet_with(role)
+            if not found:
+                raise ModelError(
+                    f"robot '{robot.name}': no foot has the roles '{role}' - got feet "
+                    f"{ {foot.name: ' '.join(sorted(foot.roles)) for foot in robot.feet} }; name the feet instead"
+                )
+            names.update(foot.name for foot in found)
+        return Stance(tuple(sorted(names)))
+
+
+def stance(feet: str | Iterable[str] = "", *, roles: str | Iterable[str] = ()) -> Stance:
+    """Return the contact set of these feet: ``stance("FL HR")``, ``stance("")`` for flight.
+
+    Args:
+        feet: names separated by spaces, or a collection of names.
+        roles: instead of names, what feet are: ``"front"`` or ``"front left"`` (both at once), or several of these,
+            ``("front left", "hind right")``, whose feet are joined.
+    """
+    names = feet.split() if isinstance(feet, str) else feet
+    entries = [roles] if isinstance(roles, str) else list(roles)
+    return Stance(tuple(sorted(set(names))), tuple(sorted({" ".join(sorted(entry.split())) for entry in entries})))

@@ -1,0 +1,225 @@
+"""The whole body: every link and joint, with contacts solved for together with the acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import casadi as cs
+import numpy as np
+
+from piaffe.errors import ModelError
+from piaffe.ocp.manifold import Block, Manifold
+from piaffe.ocp.model import Dynamics, Quantities, Reset
+from piaffe.ocp.quantity import Bound, Quantity
+
+from ._numeric import NumericWholeBody
+from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, integrate
+from .postures import XYZ, foot_labels
+from .quantities import base, com, feet, frames, joints, momentum
+from .recursions import Inertials, Point, Recursion, Tree
+from .robot import Robot
+
+Integrator = Literal["euler", "semi_implicit"]
+
+
+class WholeBody(NumericWholeBody):
+    """Whole-body dynamics with rigid contacts, as an implicit system in acceleration and contact force.
+
+    With 0/1 flags S of the feet on the ground, z = (a, F) solves::
+
+        M a + n − Jᵀ S F          = B u
+        S (J a + J̇ v + γ J v + d F) + (I − S) F = 0
+
+    where γ [1/s] (Baumgarte) draws a foot's velocity to zero and d is the compliance ``contact_damping``. Acceleration
+    and generalised force are in the state's layout: world linear, body angular, joints.
+
+    Args:
+        robot: the robot.
+        baumgarte: γ [1/s].
+        integrator: ``"euler"``: ``q ⊕ v dt``, ``v + a dt``; ``"semi_implicit"``: the same with the new v in q.
+        contact_damping: d [1/kg], for feet that rest on redundant points; None refuses such feet.
+        name: name of the model; the robot's by default.
+
+    Raises:
+        ModelError: contact points are redundant, and there is no ``contact_damping``.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        baumgarte: float = 20.0,
+        integrator: Integrator = "euler",
+        contact_damping: float | None = None,
+        name: str | None = None,
+    ) -> None:
+        if integrator not in ("euler", "semi_implicit"):
+            raise ModelError(
+                f"whole body of '{robot.name}': unknown integrator - got {integrator!r}, expected 'euler' or "
+                "'semi_implicit'; choose one"
+            )
+        tree, nf = Tree.from_pinocchio(robot.model), len(robot.feet)
+        slots = {
+            "contact": np.zeros(nf),
+            "landing": np.zeros(nf),
+            "terrain": 0.0,
+            "foot_radius": robot.foot_radius,
+            "gamma": baumgarte,
+            "contact_damping": contact_damping or 0.0,
+            "gravity": robot.model.gravity.linear,
+            "link_mass": tree.mass,
+            "link_com": tree.com,
+            "link_inertia": tree.inertia,
+            "armature": robot.armature,
+        }
+        positions = (*POSE_BLOCKS, Block(joints.position, robot.joint_names))
+        velocities = (*VELOCITY_BLOCKS, Block(joints.velocity, robot.joint_names, rate_of=joints.position))
+        control = Manifold((Block(joints.torque, robot.joint_names),))
+        super().__init__(robot, name or robot.name, (*positions, *velocities), control, slots=slots)
+        self.integrator: Integrator = integrator
+        self.tree = tree
+        self._points = _points(robot)
+        self.contacts = tuple(self._points[foot.frame] for foot in robot.feet)
+        if contact_damping is None:
+            self._refuse_redundant_contacts()
+
+    # ---- sizes
+
+    @property
+    def nq(self) -> int:
+        """Number of stored position entries."""
+        return self.tree.nv + 1
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities."""
+        return self.tree.nv
+
+    def implicit_size(self, key: str) -> int:
+        """Return nv + 3 nf: acceleration and contact forces."""
+        return self.nv + 3 * self.num_feet
+
+    def reset_size(self, key: str) -> int:
+        """Return nv + 3 nf: velocity after an impact, and its impulses."""
+        return self.nv + 3 * self.num_feet
+
+    # ---- expressions
+
+    def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
+        """Return the contact dynamics of every contact set, see the class."""
+        nq, nv = self.nq, self.nv
+        q, v, a = x[:nq], x[nq:], z[:nv]
+        body, forces = _inertials(p), [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
+        motion = Recursion(self.tree, q, v, a)
+        acting = [p["contact"][i] * force for i, force in enumerate(forces)]
+        effort = motion.inverse_dynamics(body, p["gravity"], list(zip(self.contacts, acting, strict=True)))
+        effort += cs.vertcat(cs.SX(6, 1), p["armature"] * a[6:] - u)
+        rows = []
+        for i, (point, force) in enumerate(zip(self.contacts, forces, strict=True)):
+            on = p["contact"][i]
+            slip = motion.acceleration(point, p["gamma"]) + p["contact_damping"] * force
+            rows.append(on * slip + (1 - on) * force)
+        v_next = v + a * p["dt"]
+        q_next = integrate(q, v_next if self.integrator == "semi_implicit" else v, p["dt"])
+        quantities = Quantities(self.name, self._makers(motion, x, u, acting, p))
+        return Dynamics(cs.vertcat(effort, *rows), cs.vertcat(q_next, v_next), quantities, outputs=(feet.force,))
+
+    def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
+        """Return the impact of the landing feet L, plastic: z = (v⁺, Λ), configuration unchanged::
+
+            M (v⁺ − v) − Jᵀ L Λ          = 0
+            L (J v⁺ + d Λ) + (I − L) Λ   = 0
+        """
+        nq, nv = self.nq, self.nv
+        q, v, v_next = x[:nq], x[nq:], z[:nv]
+        impulses = [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
+        acting = [p["landing"][i] * impulse for i, impulse in enumerate(impulses)]
+        jump = Recursion(self.tree, q, None, v_next - v)
+        effort = jump.inverse_dynamics(_inertials(p), cs.SX(3, 1), list(zip(self.contacts, acting, strict=True)))
+        effort += cs.vertcat(cs.SX(6, 1), p["armature"] * (v_next - v)[6:])
+        after = Recursion(self.tree, q, v_next)
+        rows = []
+        for i, (point, impulse) in enumerate(zip(self.contacts, impulses, strict=True)):
+            lands = p["landing"][i]
+            rows.append(lands * (after.velocity(point) + p["contact_damping"] * impulse) + (1 - lands) * impulse)
+        return Reset(cs.vertcat(effort, *rows), cs.vertcat(q, v_next))
+
+    def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
+        """Return the heights of the feet, those that land marked."""
+        height = quantities.bind(feet.height)
+        return Bound(height.quantity, height.value, height.labels, mask=p["landing"])
+
+    def _makers(
+        self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]
+    ) -> dict[str, Callable[[], Bound]]:
+        """Return how to bind each quantity."""
+        body, stacked, names = _inertials(p), foot_labels(self.robot), self.robot.joint_names
+        on_each = cs.vertcat(*(cs.repmat(p["contact"][i], 3, 1) for i in range(self.num_feet)))
+        makers: dict[str, Callable[[], Bound]] = {}
+
+        def supply(
+            quantity: Quantity, labels: tuple[str, ...], value: Callable[[], cs.SX], mask: cs.SX | None = None
+        ) -> None:
+            makers[quantity.path] = lambda: Bound(quantity, value(), labels, mask)
+
+        supply(base.position, XYZ, lambda: motion.position)
+        supply(base.orientation, XYZ, lambda: x[3:7])
+        supply(base.linear_velocity, XYZ, lambda: motion.v[:3])
+        supply(base.angular_velocity, XYZ, lambda: motion.v[3:6])
+        supply(joints.position, names, lambda: x[7 : self.nq])
+        supply(joints.velocity, names, lambda: motion.v[6:])
+        supply(joints.acceleration, names, lambda: motion.a[6:])
+        supply(joints.torque, names, lambda: u)
+        supply(feet.position, stacked, lambda: cs.vertcat(*map(motion.point, self.contacts)))
+        supply(feet.velocity, stacked, lambda: cs.vertcat(*map(motion.velocity, self.contacts)))
+        supply(feet.force, stacked, lambda: cs.vertcat(*forces), on_each)
+        supply(feet.height, self.robot.foot_names, lambda: self._heights(motion, p))
+        supply(feet.contact, self.robot.foot_names, lambda: p["contact"])
+        supply(feet.landing, self.robot.foot_names, lambda: p["landing"])
+        supply(com.position, XYZ, lambda: motion.centre_of_mass(body))
+        supply(com.velocity, XYZ, lambda: motion.momentum(body)[0] / cs.sum1(p["link_mass"]))
+        supply(momentum, XYZ, lambda: motion.momentum(body)[1])
+        for name, point in self._points.items():
+            supply(frames[name].position, XYZ, lambda point=point: motion.point(point))
+            supply(frames[name].velocity, XYZ, lambda point=point: motion.velocity(point))
+        return makers
+
+    def _heights(self, motion: Recursion, p: Mapping[str, cs.SX]) -> cs.SX:
+        """Return the gap between each foot and the terrain, (nf, 1) [m]."""
+        return cs.vertcat(*(motion.point(point)[2] for point in self.contacts)) - p["terrain"] - p["foot_radius"]
+
+    def _refuse_redundant_contacts(self) -> None:
+        """Raise if some feet can never be held independently, whatever the posture."""
+        rng = np.random.default_rng(0)
+        stand = self.robot.pose("stand")
+        postures = [self.state(joints=stand + 0.3 * rng.standard_normal(len(stand))) for _ in range(3)]
+        jacobians = [self.contact_jacobian(x) for x in postures]
+        kept: list[int] = []
+        redundant = []
+        for i, foot in enumerate(self.robot.feet):
+            rows = [3 * k + axis for k in (*kept, i) for axis in range(3)]
+            if max(np.linalg.matrix_rank(J[rows], tol=1e-6) for J in jacobians) == len(rows):
+                kept.append(i)
+            else:
+                redundant.append(foot.name)
+        if redundant:
+            independent = ", ".join(self.robot.feet[i].name for i in kept)
+            raise ModelError(
+                f"whole body of '{self.robot.name}': redundant contact points - got {', '.join(redundant)} beside "
+                f"{independent}, expected points that can be held independently; remove some, or set contact_damping "
+                "(1e-6 / kg, say)"
+            )
+
+
+def _inertials(p: Mapping[str, cs.SX]) -> Inertials:
+    return Inertials.of(p["link_mass"], p["link_com"], p["link_inertia"])
+
+
+def _points(robot: Robot) -> dict[str, Point]:
+    """Return the origin of every frame; a joint and a link of one name are at one place."""
+    points: dict[str, Point] = {}
+    for frame in robot.model.frames:
+        if frame.parentJoint > 0:
+            points.setdefault(frame.name, Point(int(frame.parentJoint) - 1, np.array(frame.placement.translation)))
+    return points
