@@ -18,6 +18,7 @@ from .quantities import joints as joints
 from .quantities import momentum as momentum
 from .robot import Foot as Foot
 from .robot import Robot as Robot
+from .single_rigid_body import SingleRigidBody as SingleRigidBody
 from .stance import Stance as Stance
 from .stance import stance as stance
 from .whole_body import WholeBody as WholeBody

@@ -99,6 +99,10 @@ class LeggedModel(ModelBase):
         landing = np.maximum(self.flags(node.next_mode) - contact, 0.0) if ends else np.zeros(self.num_feet)
         return {"contact": contact, "landing": landing}
 
+    def lands(self, node: Node) -> bool:
+        """Return whether a foot touches down at this phase end."""
+        return bool(self.node_parameters(node).get("landing", np.zeros(1)).any())
+
     # ---- targets
 
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:

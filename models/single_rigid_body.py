@@ -1,0 +1,159 @@
+"""The single rigid body: a robot whose legs weigh nothing, pushed by forces at given footholds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import casadi as cs
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ModelError
+from piaffe.ocp import rotation
+from piaffe.ocp.manifold import Block, Manifold
+from piaffe.ocp.model import Dynamics, Node, Quantities, Sample
+from piaffe.ocp.quantity import Bound, Quantity
+
+from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate
+from .postures import XYZ, foot_labels, place_feet
+from .quantities import base, com, feet, momentum
+from .robot import Robot
+from .stance import Stance
+
+Array = NDArray[np.float64]
+
+
+class SingleRigidBody(LeggedModel):
+    """One rigid body under gravity and the forces of the feet on the ground, at footholds fixed in the world.
+
+    With flags s, forces f (the control) and footholds r, about the base's origin, where the mass is put::
+
+        v̇ = Σ s f / m + g,        I ω̇ = Rᵀ Σ s (r − p) × f − ω × I ω
+
+    The mode never cuts the horizon: flags and footholds are numbers of each node. The control's entries of feet in the
+    air move nothing; as terms see them unmasked, a cost on ``feet.force`` keeps them at zero.
+
+    Args:
+        robot: the robot.
+        mass: m [kg]; by default all links.
+        inertia: I in body axes, (3, 3) or its xx, yy, zz, xy, xz, yz [kg m²]; by default that of the robot as it stands,
+            about its centre of mass.
+        name: name of the model.
+    """
+
+    def __init__(
+        self, robot: Robot, *, mass: float | None = None, inertia: ArrayLike | None = None, name: str | None = None
+    ) -> None:
+        nf = len(robot.feet)
+        slots = {
+            "contact": np.zeros(nf),
+            "footholds": np.zeros(3 * nf),
+            "mass": robot.mass if mass is None else mass,
+            "inertia": _six(robot, _standing_inertia(robot) if inertia is None else inertia),
+            "gravity": robot.model.gravity.linear,
+        }
+        control = Manifold((Block(feet.force, foot_labels(robot)),))
+        state = (*POSE_BLOCKS, *VELOCITY_BLOCKS)
+        super().__init__(robot, name or f"{robot.name} rigid body", state, control, slots=slots, cut_by_modes=False)
+
+    def node_parameters(self, node: Node) -> dict[str, Array]:
+        """Return the contact flags and the footholds of a node."""
+        return {"contact": self.flags(node.mode), "footholds": self._footholds(node.sample)}
+
+    def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
+        """Return the dynamics of every contact set, see the class."""
+        position, R, velocity, omega = x[:3], rotation.matrix(x[3:7]), x[7:10], x[10:13]
+        force, torque = cs.SX.zeros(3), cs.SX.zeros(3)
+        for i in range(self.num_feet):
+            push = p["contact"][i] * u[3 * i : 3 * i + 3]
+            force += push
+            torque += cs.cross(p["footholds"][3 * i : 3 * i + 3] - position, push)
+        xx, yy, zz, xy, xz, yz = cs.vertsplit(p["inertia"])
+        tensor = cs.vertcat(cs.horzcat(xx, xy, xz), cs.horzcat(xy, yy, yz), cs.horzcat(xz, yz, zz))
+        spin = R.T @ torque - cs.cross(omega, tensor @ omega)
+        a = cs.vertcat(force / p["mass"] + p["gravity"], _inverse(tensor) @ spin)
+        next_state = cs.vertcat(integrate(x[:7], x[7:13], p["dt"]), x[7:13] + a * p["dt"])
+        quantities = Quantities(self.name, self._makers(x, u, R @ tensor @ omega, p))
+        return Dynamics(cs.SX(0, 1), next_state, quantities, outputs=(feet.force,))
+
+    def step(
+        self, x: ArrayLike, u: ArrayLike, feet: str | Stance, footholds: ArrayLike, dt: float, **parameters: Any
+    ) -> Array:
+        """Return the state one time step later, (13,), its quaternion of unit length.
+
+        Args:
+            x: state, (13,).
+            u: world forces of all feet, (nf, 3) or (3 nf,) [N].
+            feet: those on the ground, ``"FL HR"``.
+            footholds: world positions of all feet, (nf, 3) or (3 nf,) [m].
+            dt: time step [s].
+            parameters: other values of slots.
+        """
+        state, control = self.checked("x", x, self.state.nx), self.checked("u", u, self.control.nx)
+        p = self.numbers(contact=self.flags(feet), footholds=footholds, **parameters)
+        return self.state.np_normalise(self._step(state, control, dt, *p.values()).full().ravel())
+
+    @cached_property
+    def _step(self) -> cs.Function:
+        x, u, p = cs.SX.sym("x", self.state.nx), cs.SX.sym("u", self.control.nx), self.symbols()
+        dynamics = self.dynamics("contact", x, u, cs.SX(0, 1), p)
+        return cs.Function("step", [x, u, p["dt"], *(p[slot.name] for slot in self.slots)], [dynamics.next_state])
+
+    def _makers(self, x: cs.SX, u: cs.SX, spin: cs.SX, p: Mapping[str, cs.SX]) -> dict[str, Callable[[], Bound]]:
+        """Return how to bind each quantity; the centre of mass is the base's origin."""
+        stacked, names = foot_labels(self.robot), self.robot.foot_names
+        bound: list[tuple[Quantity, tuple[str, ...], cs.SX]] = [
+            (base.position, XYZ, x[:3]),
+            (base.orientation, XYZ, x[3:7]),
+            (base.linear_velocity, XYZ, x[7:10]),
+            (base.angular_velocity, XYZ, x[10:13]),
+            (feet.force, stacked, u),
+            (feet.position, stacked, p["footholds"]),
+            (feet.contact, names, p["contact"]),
+            (com.position, XYZ, x[:3]),
+            (com.velocity, XYZ, x[7:10]),
+            (momentum, XYZ, spin),
+        ]
+        return {q.path: lambda q=q, labels=labels, value=value: Bound(q, value, labels) for q, labels, value in bound}
+
+    def _footholds(self, sample: Sample) -> Array:
+        """Return the reference's feet; without it, those of the standing robot below the base, on the ground."""
+        if feet.position in sample:
+            return np.asarray(sample[feet.position], dtype=float)
+        x, y, yaw = self.planar_frame(sample)
+        level = rotation.np_from_rpy(np.array([0.0, 0.0, yaw]))
+        placed = place_feet(self.robot, np.array([x, y, 0.0]), level, self.robot.pose("stand"))
+        placed[:, 2] = self.robot.foot_radius
+        return placed.ravel()
+
+
+def _standing_inertia(robot: Robot) -> Array:
+    """Return the inertia of the standing robot about its centre of mass, in body axes, (3, 3) [kg m²]."""
+    q = pin.neutral(robot.model)
+    q[7:] = robot.pose("stand")
+    data = robot.model.createData()
+    pin.ccrba(robot.model, data, q, np.zeros(robot.model.nv))
+    return np.array(data.Ig.inertia)
+
+
+def _six(robot: Robot, inertia: ArrayLike) -> Array:
+    """Return xx, yy, zz, xy, xz, yz of an inertia; raise ModelError if it is none."""
+    array: Array = np.asarray(inertia, dtype=float)
+    if array.shape == (3, 3) and np.allclose(array, array.T):
+        array = array[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    if array.shape != (6,):
+        raise ModelError(
+            f"rigid body of '{robot.name}': inertia is unusable - got shape {array.shape}, expected a symmetric (3, 3) "
+            "tensor or its (xx, yy, zz, xy, xz, yz) [kg m^2]; give one of them"
+        )
+    return array
+
+
+def _inverse(tensor: cs.SX) -> cs.SX:
+    """Return the inverse of a (3, 3) matrix by its cofactors."""
+    a, b, c = tensor[0, :].T, tensor[1, :].T, tensor[2, :].T
+    cofactors = cs.horzcat(cs.cross(b, c), cs.cross(c, a), cs.cross(a, b))
+    return cofactors / cs.dot(a, cofactors[:, 0])
