@@ -163,6 +163,10 @@ class ModelBase(ABC):
         """Return the model's own reset at a phase's end; by default the identity."""
         return Reset(cs.SX(0, 1), x)
 
+    def lands(self, node: Node) -> bool:
+        """Return whether the model's own reset does anything at this phase end."""
+        return False
+
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound | None:
         """Return rows that vanish at a phase's end because of what follows (a touchdown), or None."""
         return None

@@ -99,7 +99,7 @@ class Motion:
         """Return the motion that a trajectory performed: its phases, modes and, as targets, its states and controls.
 
         Args:
-            trajectory: e.g. ``solution.trajectory``; parts of one phase that a schedule cut are joined by name.
+            trajectory: e.g. ``solution.trajectory``.
             modes: mode to use instead of the text stored for a phase's name, for models whose modes are not text.
         """
         phases = tuple(
@@ -142,12 +142,16 @@ class Motion:
                 yield Interval(phase, number, index, t, t + phase.duration)
                 t += phase.duration
 
-    def bind(self, model: ModelBase, start: Sample) -> Path:
-        """Place the motion in the world for a model, from the sample ``start``."""
+    def bind(self, models: tuple[ModelBase, ...], start: Sample) -> Path:
+        """Place the motion in the world for the models of a schedule, from the sample ``start``."""
+        model = models[0]
         placed: list[PlacedPiece] = []
         t, frame = 0.0, ORIGIN
         for number, piece in enumerate(self.pieces):
-            reference = piece.reference.bind(model, piece, start, frame)
+            if isinstance(piece.reference, Keyframes):
+                reference = piece.reference.bind_all(models, piece, start, frame)
+            else:
+                reference = piece.reference.bind(model, piece, start, frame)
             placed.append(PlacedPiece(t, reference))
             if number < len(self.pieces) - 1:
                 start = reference.sample(piece.duration, len(piece.phases) - 1)

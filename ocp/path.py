@@ -61,3 +61,7 @@ class Path:
                 break
             last = interval
         return last
+
+    def interval_before(self, t: float) -> Interval:
+        """Return the phase that ends at or contains time t; the earlier one on a boundary."""
+        return self.intervals(t)[-1]

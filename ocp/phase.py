@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -109,6 +109,7 @@ class Phase:
         if target is not None and not isinstance(target, Keyframe):
             raise ProblemError(f"{where}: target is unusable - got {target!r}, expected a Keyframe or a mapping; make one")
         rows = () if until is None else (until,) if isinstance(until, Constraint) else tuple(until)
+        rows = tuple(replace(row, at="phase_end") if row.at == "running" else row for row in rows)
         if reset is not None and not isinstance(reset, ResetMap):
             raise ProblemError(f"{where}: reset is unusable - got {reset!r}, expected ocp.reset(function); wrap it")
         for key, value in {

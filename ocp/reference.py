@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ProblemError
+from piaffe.errors import ProblemError, UnknownNameError
 
 from . import rotation
 from .frame import PlanarFrame, carry, relative
@@ -90,7 +90,8 @@ class BoundKeyframes(BoundReference):
             if velocity in self.curves:
                 continue
             if position not in self.curves:
-                sample[velocity] = np.zeros_like(np.asarray(self.start[velocity]))
+                if velocity in self.start:
+                    sample[velocity] = np.zeros_like(np.asarray(self.start[velocity]))
                 continue
             rate = self.curves[position].rate(t, side)
             if position.kind == "rotation":
@@ -100,19 +101,44 @@ class BoundKeyframes(BoundReference):
 
 
 @dataclass(frozen=True)
+class KeyframeModels:
+    """Several models that share a motion: each entry of a keyframe goes to the first that knows it."""
+
+    models: tuple[ModelBase, ...]
+
+    def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
+        """Translate a keyframe's entries to quantities."""
+        targets: dict[Quantity, Array] = {}
+        for name, value in values.items():
+            for number, model in enumerate(self.models):
+                try:
+                    targets.update(model.keyframe({name: value}))
+                    break
+                except UnknownNameError:
+                    if number == len(self.models) - 1:
+                        self.models[0].keyframe({name: value})
+        return targets
+
+
+@dataclass(frozen=True)
 class Keyframes(Reference):
     """The reference of phases that carry keyframes: knots of a path that starts at the piece's start."""
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
         """Lay the knots; quantities without any keep their starting value."""
-        blocks = {b.quantity: b for b in model.state.blocks}
+        return self.bind_all((model,), piece, start, frame)
+
+    def bind_all(self, models: tuple[ModelBase, ...], piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
+        """Lay the knots of a motion that several models share."""
+        blocks = {b.quantity: b for model in models for b in model.state.blocks}
+        resolver = KeyframeModels(models)
         knots: dict[Quantity, list[tuple[float, Array]]] = {}
         t = 0.0
         for phase in piece.phases:
             t += phase.duration
             if phase.target is None:
                 continue
-            for quantity, value in model.keyframe(phase.target.values).items():
+            for quantity, value in resolver.keyframe(phase.target.values).items():
                 if quantity not in knots:
                     first = start.get(quantity, np.zeros_like(value))
                     first = rotation.np_to_rpy(np.asarray(first)) if quantity.kind == "rotation" else np.asarray(first)

@@ -94,7 +94,9 @@ class Cost(Term):
 
     def structure(self) -> Hashable:
         """Return what the generated functions depend on; terms of equal structure share code."""
-        return ("cost", self.quantity, self.function, self.at, self.mask, tuple((k, np.size(v)) for k, v in self.parameters.items()))
+        sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
+        to_zero = self.target is not None and self.target.size == 0
+        return ("cost", self.quantity, self.function, self.at, self.mask, to_zero, self.unit, sizes)
 
     def weights(self, phase: str, labels: tuple[str, ...]) -> Array:
         """Return one weight per row for a phase, zero where the term does not apply."""
@@ -145,7 +147,8 @@ class Constraint(Term):
         """Return what the generated functions depend on; terms of equal structure share code."""
         sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
         sides = (self.lower is not None, self.upper is not None)
-        return ("constraint", self.kind, self.function, self.at, self.mask, sides, self.scale, sizes)
+        labels = self.labels if callable(self.labels) or self.labels is None else tuple(self.labels)
+        return ("constraint", self.kind, self.function, self.at, self.mask, sides, self.scale, self.unit, labels, sizes)
 
     def bound(self, side: Literal["lower", "upper"], model: Any, size: int) -> Array:
         """Return the bounds of one side for a model, (size,)."""

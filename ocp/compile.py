@@ -1,0 +1,328 @@
+"""The compiler: from a declaration to flat phases of numbers and functions.
+
+Generated functions depend on the structure of the declaration alone (models, modes, which terms there are); all
+numbers, timings and contact sets are parameters, so declarations of equal structure share the generated functions.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ProblemError, ShapeError, UnknownNameError
+
+from .batch import Batch
+from .checks import check_controls, check_finite, check_targets
+from .compiled import CompiledPhase, CompiledProblem
+from .lowering import LoweredMode, Lowering
+from .model import ModelBase, Node, Sample
+from .path import Path
+from .phase import Phase, ResetMap
+from .problem import Problem
+from .quantity import Quantity
+from .term import Constraint, Cost
+from .timeline import Stretch, lay
+from .transition import LoweredTransition, lower_transition
+
+Array = NDArray[np.float64]
+Term = Cost | Constraint
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """What generated functions depend on; equal structures share them. ``terms`` are one example of the structure."""
+
+    model: ModelBase
+    key: str
+    shape: tuple[Hashable, ...]
+    excluded: frozenset[int]
+    terms: tuple[Term, ...] = field(compare=False)
+
+
+@lru_cache(maxsize=32)
+def _lower(structure: _Structure) -> LoweredMode:
+    return Lowering(structure.model, structure.key, structure.terms, structure.excluded).build()
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A transition between two models."""
+
+    source: ModelBase
+    key: str
+    target: ModelBase
+    user: ResetMap | None
+    where: str = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _link(link: _Link) -> LoweredTransition:
+    return lower_transition(link.source, link.key, link.target, link.user, link.where)
+
+
+def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -> CompiledProblem:
+    """Compile a problem into flat phases.
+
+    Args:
+        problem: the declaration.
+        t0: start of the horizon in the motion's time [s]; snaps to the first model's dt.
+        checks: whether to evaluate everything at the initial guess and refuse NaN, controls without cost, etc.
+
+    Raises:
+        ProblemError: the declaration is inconsistent; the message names the place in the user's file.
+    """
+    began = time.perf_counter()
+    misses = _lower.cache_info().misses + _link.cache_info().misses
+    compilation = _Compilation(problem)
+    stretches = lay(compilation.path, problem.schedule, t0)
+    phases = tuple(compilation.phase(i, stretches) for i in range(len(stretches)))
+    compilation.check_bound(phases)
+    built = _lower.cache_info().misses + _link.cache_info().misses - misses
+    compiled = CompiledProblem(
+        phases=phases,
+        initial=problem.initial,
+        terms=compilation.terms,
+        path=compilation.path,
+        unbound=compilation.unbound,
+        lowered=built,
+        compile_s=time.perf_counter() - began,
+    )
+    if checks:
+        check_controls(compiled)
+        check_finite(compiled)
+    return compiled
+
+
+class _Compilation:
+    """One run of the compiler."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        models = list(dict.fromkeys(segment.model for segment in problem.schedule.segments))
+        self.head = models[0]
+        self.start: Sample = self.head.state.unpack(problem.initial)
+        self.path: Path = problem.motion.bind(tuple(models), self.start)
+        self.models = models
+        scoped: list[tuple[Term, Phase | None]] = [(t, None) for t in (*problem.objective, *problem.constraints)]
+        for phase in dict.fromkeys(phase for piece in problem.motion.pieces for phase in piece.phases):
+            own = (*phase.objective, *phase.constraints, *phase.until)
+            scoped += [(term, phase) for term in own]
+        self.terms = tuple(term for term, _ in scoped)
+        self.scopes = tuple(scope for _, scope in scoped)
+        self.unbound: dict[tuple[str, int], str] = {}
+        self.applied: set[int] = set()
+        self.slot_names = {f"{model.name}.{slot.name}" for model in models for slot in model.slots}
+        self.used_parameters: set[str] = set()
+        check_targets(problem.motion, self.path, models)
+
+    # ---- one phase
+
+    def phase(self, i: int, stretches: list[Stretch]) -> CompiledPhase:
+        """Return the i-th flat phase."""
+        stretch = stretches[i]
+        segment, model = stretch.segment, stretch.segment.model
+        follower = stretches[i + 1] if i + 1 < len(stretches) else None
+        mode_now = self.resolve(model, stretch.interval.phase)
+        key = model.mode_key(mode_now)
+        excluded = frozenset(k for k, term in enumerate(self.terms) if term in segment.excluded)
+        shape = tuple(term.structure() for term in self.terms)
+        mode = _lower(_Structure(model, key, shape, excluded, self.terms))
+        self.unbound.update({(model.name, k): why for k, why in mode.unbound.items()})
+        n = stretch.num_stages
+        times = stretch.start + segment.dt * np.arange(n + 1)
+        spans = self.path.intervals(stretch.end + 1e-6)
+        inside = [stretch.interval_at(t, spans) for t in times[:-1]]
+        inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
+        samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
+        p = np.vstack([
+            self.pack(mode, stretch, times[k], inside[k].phase, samples[k], is_end=k == n, is_last=k == n and follower is None)
+            for k in range(n + 1)
+        ])  # fmt: skip
+        stage = Batch(mode.functions["stage_w"])(p[:-1])
+        end = Batch(mode.functions["terminal_w"])(p[-1:])
+        transition, p_transition, resets = self.transition(stretch, follower, key, samples[-1])
+        states, controls = self.guess(model, stretch, samples, i == 0)
+        return CompiledPhase(
+            name=stretch.interval.phase.name,
+            label=str(stretch.interval.phase.mode) if model.cut_by_modes else "scheduled",
+            interval=stretch.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1],
+            weight=stage[0], g_mask=stage[1], h_mask=stage[2],
+            end_weight=end[0][0], end_g_mask=end[1][0], end_h_mask=end[2][0],
+            ends_phase=stretch.ends_phase, transition=transition, p_transition=p_transition, resets=resets,
+            guess_states=states, guess_controls=controls,
+        )  # fmt: skip
+
+    def resolve(self, model: ModelBase, phase: Phase) -> Hashable:
+        """Return a phase's mode in a model's terms; errors name the phase."""
+        try:
+            return model.resolve(phase.mode)
+        except (UnknownNameError, ProblemError) as error:
+            raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
+
+    def node(self, model: ModelBase, t: float, phase: Phase, end: Stretch | None, sample: Sample) -> Node:
+        """Return the context in which a model is asked its numbers."""
+        following = end.following if end is not None else None
+        after = self.resolve(model, following.phase) if following is not None else None
+        return Node(t, self.resolve(model, phase), after, sample)
+
+    def pack(
+        self, mode: LoweredMode, stretch: Stretch, t: float, phase: Phase, sample: Sample, *, is_end: bool, is_last: bool
+    ) -> Array:
+        """Return the parameter row of one node."""
+        node = self.node(mode.model, t, phase, stretch if is_end else None, sample)
+        values = self.model_numbers(mode.model, stretch.segment.dt, node)
+        values.update(self.user_numbers(mode.parameters))
+        where = {"running": True, "phase_end": is_end and stretch.ends_phase, "end": is_last}
+        for k, term in enumerate(self.terms):
+            scope = self.scopes[k]
+            applies = (scope is None or scope is phase) and term.applies(phase.name) and where[term.at]
+            if applies and k in mode.bound:
+                self.applied.add(k)
+            self.term_numbers(values, mode, k, term, phase, applies, sample)
+        return mode.layout.pack(values, 1)[0]
+
+    def model_numbers(self, model: ModelBase, dt: float, node: Node) -> dict[str, Array]:
+        """Return dt and the model's slots: node values over the user's over defaults."""
+        values = {"dt": np.array([dt])}
+        of_node = model.node_parameters(node)
+        for slot in model.slots:
+            name = f"{model.name}.{slot.name}"
+            given = self.problem.parameters.get(name)
+            if given is not None:
+                self.used_parameters.add(name)
+                if given.size != slot.size:
+                    raise ShapeError(f"problem ({self.problem.source}), parameter '{name}': wrong size - got {given.size}, expected {slot.size}; give as many")  # fmt: skip
+            value = of_node.get(slot.name, given if given is not None else slot.default)
+            values[f"model.{slot.name}"] = np.asarray(value, dtype=float)
+        return values
+
+    def user_numbers(self, parameters: tuple[object, ...]) -> dict[str, Array]:
+        """Return the values of the user's parameters."""
+        values = {}
+        for parameter in parameters:
+            label, default = parameter.label, parameter.value  # type: ignore[attr-defined]  # ocp.parameter objects
+            self.used_parameters.add(label)
+            values[f"parameter.{label}"] = self.problem.parameters.get(label, default)
+        return values
+
+    def term_numbers(
+        self, values: dict[str, Array], mode: LoweredMode, k: int, term: Term, phase: Phase, applies: bool, sample: Sample
+    ) -> None:
+        """Add a term's weights, targets, bounds and parameters to a node's values."""
+        slots = mode.layout.slices
+        for name, value in term.parameters.items():
+            if f"term{k}.{name}" in slots:
+                values[f"term{k}.{name}"] = value
+        if k not in mode.bound:
+            for name in (n for n in slots if n.startswith(f"term{k}.") and n not in values):
+                values[name] = np.zeros(slots[name].stop - slots[name].start)
+            return
+        if isinstance(term, Constraint):
+            values[f"term{k}.active"] = np.array([float(applies)])
+            for side in ("lower", "upper"):
+                if f"term{k}.{side}" in slots:
+                    size = slots[f"term{k}.{side}"].stop - slots[f"term{k}.{side}"].start
+                    bound = term.bound(side, mode.model, size)  # type: ignore[arg-type]  # one of the two literals
+                    finite = np.isfinite(bound)
+                    values[f"term{k}.{side}"] = np.where(finite, bound, 0.0)
+                    values[f"term{k}.has_{side}"] = finite.astype(float)
+            return
+        group = "stage" if term.at == "running" else "terminal"
+        labels = tuple(row.label for row in mode.rows[f"{group}_residual"] if row.term == k)
+        weights = term.weights(phase.name, labels)
+        values[f"term{k}.weight"] = weights if applies else np.zeros(len(labels))
+        if f"term{k}.target" in slots:
+            size = slots[f"term{k}.target"].stop - slots[f"term{k}.target"].start
+            values[f"term{k}.target"] = self.target(term, size, sample, labels)
+
+    def target(self, term: Cost, size: int, sample: Sample, labels: tuple[str, ...]) -> Array:
+        """Return a cost's target at a node: its own, or the path's."""
+        quantity = term.quantity
+        assert quantity is not None  # only tracked quantities have a target slot
+        value = term.target
+        if value is not None and value.size == 0:
+            value = np.array([1.0, 0.0, 0.0, 0.0])
+        if value is None:
+            value = sample.get(quantity, sample.get(Quantity(quantity.path)))
+        if value is None:
+            supplied = sorted(q.path for q in sample)
+            raise ProblemError(
+                f"term '{term.name}' ({term.source}): the motion has no target for it - got targets {supplied}, expected "
+                f"'{quantity}'; give to=..., or put it in the keyframes or the reference"
+            )
+        value = np.atleast_1d(np.asarray(value, dtype=float))
+        if value.size != size:
+            raise ShapeError(
+                f"term '{term.name}' ({term.source}): target has the wrong size - got {value.size} entries, expected {size} "
+                f"({', '.join(labels)}) [{term.unit or '-'}]; give one per component"
+            )
+        return value
+
+    # ---- between phases
+
+    def transition(
+        self, stretch: Stretch, follower: Stretch | None, key: str, sample: Sample
+    ) -> tuple[LoweredTransition | None, Array, bool]:
+        """Return the transition to the next stretch, its parameters and whether it does anything."""
+        if follower is None:
+            return None, np.zeros(0), False
+        model, phase = stretch.segment.model, stretch.interval.phase
+        user = phase.reset if stretch.ends_phase else None
+        where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
+        lowered = _link(_Link(model, key, follower.segment.model, user, where))
+        node = self.node(model, stretch.end, phase, stretch, sample)
+        values = {**self.model_numbers(model, stretch.segment.dt, node), **self.user_numbers(lowered.parameters)}
+        values = {name: values[name] for name in lowered.layout.slices}
+        moves = user is not None or model is not follower.segment.model or model.lands(node)
+        return lowered, lowered.layout.pack(values, 1)[0], moves
+
+    # ---- the initial guess
+
+    def guess(self, model: ModelBase, stretch: Stretch, samples: list[Sample], is_first: bool) -> tuple[Array, Array]:
+        """Return states and controls along the path; what it lacks keeps its start (or is zero)."""
+        rows = []
+        for sample in samples:
+            row: dict[Quantity, Array] = {}
+            for block in model.state.blocks:
+                value = sample.get(block.quantity, self.start.get(block.quantity))
+                if value is None:
+                    value = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
+                row[block.quantity] = np.asarray(value, dtype=float)
+            rows.append(model.state.pack(row))
+        controls = [
+            model.control.pack({b.quantity: np.asarray(s.get(b.quantity, np.zeros(b.nx))) for b in model.control.blocks})
+            if model.control.blocks else np.zeros(0)
+            for s in samples[:-1]
+        ]  # fmt: skip
+        states = model.state.np_normalise(np.array(rows))
+        if is_first:
+            states[0] = self.problem.initial
+        return states, np.array(controls).reshape(len(samples) - 1, model.control.nx)
+
+    # ---- what was declared and applies nowhere
+
+    def check_bound(self, phases: tuple[CompiledPhase, ...]) -> None:
+        """Raise for terms, phase names and parameters that apply nowhere."""
+        modes = dict.fromkeys(phase.mode for phase in phases)
+        for k, term in enumerate(self.terms):
+            if k in self.applied:
+                continue
+            whys = list(dict.fromkeys(mode.unbound[k] for mode in modes if k in mode.unbound))
+            if not whys:
+                names = list(dict.fromkeys(phase.name for phase in phases))
+                whys = [f"it applies to {term.when!r} at '{term.at}', which is no phase of this horizon ({names})"]
+            if self.scopes[k] is not None and self.scopes[k] not in {p.interval.phase for p in phases}:
+                continue  # its phase lies beyond this horizon
+            raise ProblemError(
+                f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one model "
+                "and phase; correct it or remove it"
+            )
+        unknown = set(self.problem.parameters) - self.used_parameters
+        if unknown:
+            known = sorted(self.slot_names | self.used_parameters)
+            raise UnknownNameError(f"problem ({self.problem.source})", "parameter", sorted(unknown)[0], known)

@@ -1,0 +1,97 @@
+"""Problem: motion, schedule, objective, constraints and initial state, as one value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ProblemError, ShapeError
+
+from .motion import Motion
+from .schedule import Schedule
+from .source import Source, caller
+from .termset import Constraints, Objective
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class Problem:
+    """One declaration of an optimal-control problem.
+
+    Args:
+        motion: phases and targets.
+        schedule: models and time steps along the horizon.
+        objective: what to achieve.
+        constraints: what to respect.
+        initial: initial state of the first model, (nx,).
+        parameters: values that replace defaults: of an ``ocp.parameter`` by name, of a model's number by
+            ``"model.slot"``.
+    """
+
+    motion: Motion
+    schedule: Schedule
+    objective: Objective
+    constraints: Constraints
+    initial: Array
+    parameters: Mapping[str, Array] = field(default_factory=dict)
+    source: Source = field(default_factory=caller)
+
+    def __init__(
+        self,
+        motion: Motion,
+        schedule: Schedule,
+        objective: Objective,
+        constraints: Constraints | None = None,
+        *,
+        initial: ArrayLike,
+        parameters: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        source = caller()
+        for name, value, kind in (
+            ("motion", motion, Motion), ("schedule", schedule, Schedule), ("objective", objective, Objective),
+            ("constraints", constraints or Constraints(), Constraints),
+        ):  # fmt: skip
+            if not isinstance(value, kind):
+                raise ProblemError(f"problem ({source}): {name} is unusable - got {type(value).__name__}, expected ocp.{kind.__name__}; make one")  # fmt: skip
+        head = schedule.segments[0].model
+        x0 = np.asarray(initial, dtype=float)
+        if x0.shape != (head.state.nx,):
+            layout = ", ".join(f"{b.quantity.path} {b.nx}" for b in head.state.blocks)
+            raise ShapeError(
+                f"problem ({source}): initial state has the wrong size for model '{head.name}' - got shape {x0.shape}, "
+                f"expected ({head.state.nx},): {layout}; build it with the model's state()"
+            )
+        if not np.all(np.isfinite(x0)):
+            bad = [int(i) for i in np.flatnonzero(~np.isfinite(x0))]
+            raise ProblemError(f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite numbers; mend it")  # fmt: skip
+        for key, value in {
+            "motion": motion, "schedule": schedule, "objective": objective, "constraints": constraints or Constraints(),
+            "initial": head.state.np_normalise(x0), "source": source,
+            "parameters": {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in (parameters or {}).items()},
+        }.items():  # fmt: skip
+            object.__setattr__(self, key, value)
+
+    def with_parameters(self, **values: ArrayLike) -> Problem:
+        """Return the problem with other values of parameters; nothing is rebuilt."""
+        merged = {**self.parameters, **{k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in values.items()}}
+        return self._with("parameters", merged)
+
+    def with_initial(self, initial: ArrayLike) -> Problem:
+        """Return the problem from another initial state."""
+        return self._with("initial", np.asarray(initial, dtype=float))
+
+    def _with(self, name: str, value: object) -> Problem:
+        other = object.__new__(Problem)
+        other.__dict__.update(self.__dict__)
+        other.__dict__[name] = value
+        return other
+
+    def __str__(self) -> str:
+        from .compile import compile_problem
+        from .describe import describe
+
+        return describe(compile_problem(self))

@@ -1,0 +1,113 @@
+"""Transitions: what happens to the state between two phases - impact, the user's reset, projection to the next model.
+
+Functions of a transition, from the state x at the end of a phase to the first state of the next:
+
+=========  ===================  ==================================================
+implicit   (x, p)         → K, r0   the impact's implicit part, z = −K⁻¹ r0
+reset      (x, z, p)      → x_next
+reset_d    (x, z, p, xn)  → r_x, d_x, d_z   with d = reset ⊖ xn
+=========  ===================  ==================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as cs
+
+from piaffe.errors import ProblemError, ShapeError
+
+from .layout import Layout
+from .lowering import Lowering, affine, tangent_jacobians
+from .model import ModelBase
+from .parameter import Parameter
+from .phase import ResetMap
+from .view import NodeView
+
+
+@dataclass(frozen=True, eq=False)
+class LoweredTransition:
+    """A transition's functions and parameter layout."""
+
+    source: ModelBase
+    target: ModelBase
+    layout: Layout
+    parameters: tuple[Parameter, ...]
+    nz: int
+    functions: Mapping[str, cs.Function]
+
+
+def lower_transition(
+    source: ModelBase, key: str, target: ModelBase, user: ResetMap | None, where: str
+) -> LoweredTransition:
+    """Return the lowered transition between two models.
+
+    Args:
+        source: the model that ends.
+        key: its mode.
+        target: the model that begins.
+        user: the phase's own reset map, applied after the model's.
+        where: both phases, for messages.
+    """
+    low = Lowering(source, key, (), frozenset())
+    low.z = cs.SX.sym("z", source.reset_size(key))
+    p_model = low.model_slots()
+    own = source.reset(key, low.x, low.z, p_model)
+    dynamics = source.dynamics(key, low.x, low.u, cs.SX.sym("z", source.implicit_size(key)), p_model)
+    given: dict[str, cs.SX] = {}
+    if user is not None:
+        result = user.function(NodeView(dynamics.quantities))
+        if not isinstance(result, Mapping):
+            raise ProblemError(f"{where}, reset ({user.source}): result is unusable - got {type(result).__name__}, expected a mapping of state names; return a dict")  # fmt: skip
+        given = {name: cs.vec(cs.SX(value)) for name, value in result.items()}
+    parts = []
+    for block in target.state.blocks:
+        path = block.quantity.path
+        if path in given:
+            value = given.pop(path)
+            if value.numel() != block.nx:
+                raise ShapeError(
+                    f"{where}, reset ({user.source if user else ''}): '{path}' has the wrong size for the next model "
+                    f"'{target.name}' - got {value.numel()}, expected {block.nx} [{block.quantity.unit}]; return as many"
+                )
+            low.check_symbols(f"{where}, reset", value)
+        elif path in dynamics.quantities and dynamics.quantities.bind(path).value.numel() == block.nx:
+            value = dynamics.quantities.bind(path).value
+        else:
+            raise ShapeError(
+                f"{where}: the next model '{target.name}' has a state that '{source.name}' does not supply - got no "
+                f"'{path}', expected {block.nx} entries [{block.quantity.unit}]; return it from a reset map on the phase"
+            )
+        parts.append(value)
+    if given:
+        names = [b.quantity.path for b in target.state.blocks]
+        raise ProblemError(f"{where}, reset ({user.source if user else ''}): unknown state names - got {sorted(given)}, expected some of {names}; rename them")  # fmt: skip
+    stacked = cs.vertcat(*parts)
+    if cs.depends_on(stacked, low.u):
+        raise ProblemError(f"{where}: the reset depends on the control where there is none - got an expression of u, expected one of the state; change it")  # fmt: skip
+    x_next = cs.substitute(stacked, low.x, own.next_state)
+    K, r0 = affine(own.implicit, low.z, where)
+    xn, dx = cs.SX.sym("xn", target.state.nx), cs.SX.sym("dx", source.state.ndx)
+    groups = [own.implicit, target.state.minus(x_next, xn)]
+    by_x, by_z = tangent_jacobians(groups, source.state, low.x, dx, cs.SX(0, 1), low.z)
+    p = cs.vertcat(*low.slots.values())
+
+    def make(name: str, inputs: dict[str, cs.SX], outs: dict[str, cs.SX]) -> cs.Function:
+        dense = [cs.densify(value) for value in outs.values()]
+        return cs.Function(name, list(inputs.values()), dense, list(inputs), list(outs), {"cse": True})
+
+    return LoweredTransition(
+        source=source,
+        target=target,
+        layout=Layout((name, symbol.numel()) for name, symbol in low.slots.items()),
+        parameters=tuple(low.parameters.values()),
+        nz=low.z.numel(),
+        functions={
+            "implicit": make("implicit", {"x": low.x, "p": p}, {"K": K, "r0": r0}),
+            "reset": make("reset", {"x": low.x, "z": low.z, "p": p}, {"x_next": x_next}),
+            "reset_d": make(
+                "reset_d", {"x": low.x, "z": low.z, "p": p, "xn": xn}, {"r_x": by_x[0], "d_x": by_x[1], "d_z": by_z[1]}
+            ),
+        },
+    )
