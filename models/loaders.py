@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, UnknownNameError
 
+from .kinematics import Kinematics
 from .robot import ROOT, Foot, Robot
 
 Array = NDArray[np.float64]
@@ -62,7 +63,8 @@ def load(
             order is that of every stacked foot quantity. Roles that are not given follow from where the feet are.
         foot_radius: radius of the foot's ball [m]; a known robot has its own, others 0.
         rotors: add the masses of the rotors where the links lack them, and their reflected inertia.
-        poses: named joint angles [rad], added to those that are known.
+        poses: named joint angles [rad], added to those that are known. Without ``"stand"`` and ``"crouch"`` a URDF file
+            gets poses with the feet below their places at zero angles, legs at 3/4 and 1/2 of their reach.
         name: the robot's name; by default the known name or that in the file.
     """
     known = _KNOWN.get(str(name_or_urdf_path))
@@ -96,7 +98,12 @@ def load(
         package_dirs=package_dirs,
         **limits,
     )
-    return with_poses(robot, poses or {})
+    robot = with_poses(robot, poses or {})
+    if known is None:
+        legs = Kinematics(robot)
+        drawn = {"stand": 0.75, "crouch": 0.5}
+        robot = with_poses(robot, {key: legs.standing_pose(x) for key, x in drawn.items() if key not in (poses or {})})
+    return robot
 
 
 def names() -> tuple[str, ...]:

@@ -143,6 +143,13 @@ class Robot:
             raise UnknownNameError(f"robot '{self.name}'", "frame", name, [f.name for f in self.model.frames])
         return int(self.model.getFrameId(name))
 
+    def joint_axis(self, index: int) -> Array:
+        """Return what a joint of the model slides along and turns about, in its own axes, (6,), one half zero."""
+        joint = self.model.joints[index]
+        data = joint.createData()
+        joint.calc(data, np.zeros(1))
+        return np.asarray(data.S, dtype=float).reshape(6)
+
     # ---- poses
 
     def pose(self, joints: object) -> Array:

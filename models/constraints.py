@@ -1,0 +1,149 @@
+"""Constraints that go with legs: friction, torques, joints, the base and the feet, for any robot model.
+
+Each function returns an ``ocp`` constraint; rows of feet that it does not concern are masked. The functions of rows
+stand at module level so that two constraints of one kind share their generated code.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as cs
+
+from piaffe.errors import ProblemError
+from piaffe.ocp.term import When, inequality
+
+_PYRAMID = ("normal", "-x", "+x", "-y", "+y")
+
+
+def friction_cone(mu: float = 0.6) -> Any:
+    """Keep the force of every foot on the ground inside the friction pyramid.
+
+    The pyramid circumscribes the cone; pass μ/√2 for the inscribed one. Per foot, in world axes [N]::
+
+        F_z ≥ 0,   μ F_z − F_x ≥ 0,   μ F_z + F_x ≥ 0,   μ F_z − F_y ≥ 0,   μ F_z + F_y ≥ 0
+
+    Args:
+        mu: friction coefficient μ.
+    """
+    _require("friction_cone", "mu", mu, mu > 0, "a positive number")
+    return inequality(
+        _pyramid,
+        name="friction cone",
+        unit="N",
+        mask=_pyramid_contact,
+        parameters={"mu": mu},
+        labels=lambda model: [f"{foot.name} {face}" for foot in model.robot.feet for face in _PYRAMID],
+    )
+
+
+def torque_limits(fraction: float = 1.0) -> Any:
+    """Keep joint torques within the robot's limits, or a fraction of them [Nm]."""
+    _require("torque_limits", "fraction", fraction, fraction > 0, "a positive number")
+    return inequality(
+        _torque,
+        name="torque limits",
+        unit="Nm",
+        lower=lambda model: -fraction * model.robot.torque_limit,
+        upper=lambda model: fraction * model.robot.torque_limit,
+        labels=_joints,
+    )
+
+
+def joint_limits(margin: float = 0.0) -> Any:
+    """Keep joint angles within the robot's limits, less a margin [rad]."""
+    _require("joint_limits", "margin", margin, margin >= 0, "a number ≥ 0 [rad]")
+    return inequality(
+        _angle,
+        name="joint limits",
+        unit="rad",
+        lower=lambda model: model.robot.joint_lower + margin,
+        upper=lambda model: model.robot.joint_upper - margin,
+        labels=_joints,
+    )
+
+
+def joint_speed_limits(fraction: float = 1.0) -> Any:
+    """Keep joint speeds within the robot's limits, or a fraction of them [rad/s]."""
+    _require("joint_speed_limits", "fraction", fraction, fraction > 0, "a positive number")
+    return inequality(
+        _speed,
+        name="joint speed limits",
+        unit="rad/s",
+        lower=lambda model: -fraction * model.robot.joint_speed_limit,
+        upper=lambda model: fraction * model.robot.joint_speed_limit,
+        labels=_joints,
+    )
+
+
+def base_height(minimum: float) -> Any:
+    """Keep the base's origin at least ``minimum`` above z = 0 [m]."""
+    return inequality(_height, name="base height", unit="m", lower=minimum, labels=_base)
+
+
+def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
+    """Keep the feet that are in the air at least ``minimum`` above the terrain [m], the landing included.
+
+    Feet on the ground are held there by the contact and are masked. A foot leaves and meets the ground at height 0, so
+    that a positive ``minimum`` can hold only in phases in which no foot does; name them in ``when``.
+    """
+    return inequality(
+        _foot_height,
+        name="foot clearance",
+        unit="m",
+        lower=minimum,
+        when=when,
+        mask=_swing,
+        labels=lambda model: [foot.name for foot in model.robot.feet],
+    )
+
+
+# ---- rows
+
+
+def _pyramid(s: Any, mu: cs.SX) -> cs.SX:
+    force = cs.reshape(cs.SX(s.feet.force), 3, -1)
+    x, y, z = force[0, :], force[1, :], force[2, :]
+    return cs.vec(cs.vertcat(z, mu * z - x, mu * z + x, mu * z - y, mu * z + y))
+
+
+def _pyramid_contact(s: Any) -> cs.SX:
+    return cs.vec(cs.repmat(cs.SX(s.feet.contact).T, len(_PYRAMID), 1))
+
+
+def _torque(s: Any) -> cs.SX:
+    return s.joints.torque
+
+
+def _angle(s: Any) -> cs.SX:
+    return s.joints.position
+
+
+def _speed(s: Any) -> cs.SX:
+    return s.joints.velocity
+
+
+def _height(s: Any) -> cs.SX:
+    return s.base.position[2]
+
+
+def _foot_height(s: Any) -> cs.SX:
+    return s.feet.height
+
+
+def _swing(s: Any) -> cs.SX:
+    return 1 - s.feet.contact
+
+
+def _joints(model: Any) -> tuple[str, ...]:
+    names: tuple[str, ...] = model.robot.joint_names
+    return names
+
+
+def _base(model: Any) -> tuple[str, ...]:
+    return ("base z",)
+
+
+def _require(where: str, what: str, got: float, holds: bool, expected: str) -> None:
+    if not holds:
+        raise ProblemError(f"{where}: {what} is out of range - got {got}, expected {expected}; change it")
