@@ -10,6 +10,9 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 
+# Material for MkDocs announces its successor at every build.
+export NO_MKDOCS_2_WARNING := 1
+
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-slow lint format docs bench clean
