@@ -1,0 +1,202 @@
+"""Iterates: states and controls of every phase, what they evaluate to, and the linear-quadratic model there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import Batch, CompiledPhase, CompiledProblem
+
+from . import barrier
+from .riccati import LqPhase
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """States (N+1, nx) and controls (N, nu) of every phase."""
+
+    states: list[Array]
+    controls: list[Array]
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseValues:
+    """What one phase evaluates to at an iterate.
+
+    Args:
+        z: implicit variables (N, nz). K: their matrices (N, nz, nz).
+        x_next: (N, nx). residual, g, h: rows (N, ·). end_residual, end_g, end_h: rows of the last node.
+        z_reset, K_reset: the transition's implicit variables and matrix. x_reset: first state of the next phase.
+    """
+
+    z: Array
+    K: Array
+    x_next: Array
+    residual: Array
+    g: Array
+    h: Array
+    end_residual: Array
+    end_g: Array
+    end_h: Array
+    z_reset: Array
+    K_reset: Array
+    x_reset: Array
+
+
+@dataclass(eq=False)
+class PhaseDual:
+    """Relaxations δ of one phase's inequalities; multipliers λ and penalties σ of its equalities."""
+
+    relaxation: Array
+    end_relaxation: Array
+    multiplier: Array
+    penalty: Array
+    end_multiplier: Array
+    end_penalty: Array
+
+
+def solve_nodes(K: Array, r: Array) -> Array:
+    """Return K⁻¹ r node by node for r of shape (n, nz) or (n, nz, m)."""
+    if r.shape[1] == 0:
+        return r
+    if r.ndim == 2:
+        return np.linalg.solve(K, r[:, :, None])[:, :, 0]
+    return np.linalg.solve(K, r)
+
+
+class Evaluator:
+    """Evaluates a compiled problem's functions, all nodes of a phase at once."""
+
+    def __init__(self, problem: CompiledProblem) -> None:
+        self.problem = problem
+        self._batches: dict[int, Batch] = {}
+
+    def call(self, function: object, *arguments: Array) -> list[Array]:
+        """Evaluate a CasADi function over stacked nodes."""
+        if id(function) not in self._batches:
+            self._batches[id(function)] = Batch(function)
+        return self._batches[id(function)](*arguments)
+
+    def values(self, i: int, x: Array, u: Array) -> PhaseValues:
+        """Return what phase i evaluates to."""
+        phase = self.problem.phases[i]
+        f = phase.mode.functions
+        K, r0 = self.call(f["implicit"], x[:-1], u, phase.p)
+        z = -solve_nodes(K, r0)
+        x_next, residual, g, h = self.call(f["stage"], x[:-1], u, z, phase.p)
+        end = [a[0] for a in self.call(f["terminal"], x[-1:], phase.p_end[None])]
+        z_reset, K_reset, x_reset = np.zeros(0), np.zeros((0, 0)), np.zeros(0)
+        if phase.transition is not None:
+            t, p = phase.transition.functions, phase.p_transition[None]
+            K_all, r_all = self.call(t["implicit"], x[-1:], p)
+            z_all = -solve_nodes(K_all, r_all)
+            (x_all,) = self.call(t["reset"], x[-1:], z_all, p)
+            z_reset, K_reset, x_reset = z_all[0], K_all[0], x_all[0]
+        return PhaseValues(z, K, x_next, residual, g, h, end[0], end[1], end[2], z_reset, K_reset, x_reset)
+
+    def all_values(self, iterate: Iterate) -> list[PhaseValues]:
+        """Return what every phase evaluates to."""
+        return [self.values(i, x, u) for i, (x, u) in enumerate(zip(iterate.states, iterate.controls, strict=True))]
+
+    def defects(self, iterate: Iterate, values: list[PhaseValues]) -> list[Array]:
+        """Return the defects of every phase, (N+1, ndx); row 0 is the initial state's or the reset map's."""
+        out, start = [], self.problem.initial
+        for phase, x, value in zip(self.problem.phases, iterate.states, values, strict=True):
+            out.append(phase.mode.state.np_minus(np.vstack([start[None], value.x_next]), x))
+            start = value.x_reset
+        return out
+
+    def step(self, i: int, k: int, x: Array, u: Array) -> Array:
+        """Return the state after stage k of phase i, (nx,)."""
+        phase = self.problem.phases[i]
+        f, p = phase.mode.functions, phase.p[k : k + 1]
+        K, r0 = self.call(f["implicit"], x[None], u[None], p)
+        return self.call(f["stage"], x[None], u[None], -solve_nodes(K, r0), p)[0][0]
+
+    def reset(self, i: int, x: Array) -> Array:
+        """Return the first state of the phase after phase i, (nx,)."""
+        phase = self.problem.phases[i]
+        assert phase.transition is not None  # asked only between phases
+        t, p = phase.transition.functions, phase.p_transition[None]
+        K, r0 = self.call(t["implicit"], x[None], p)
+        return self.call(t["reset"], x[None], -solve_nodes(K, r0), p)[0][0]
+
+    # ---- the linear-quadratic model
+
+    def lq(
+        self, i: int, iterate: Iterate, value: PhaseValues, defect: Array, dual: PhaseDual, weight: float
+    ) -> LqPhase:
+        """Return the Gauss-Newton model of phase i: cost, barrier ε = ``weight`` and augmented Lagrangian included."""
+        phase = self.problem.phases[i]
+        x, u, f, dt = iterate.states[i], iterate.controls[i], phase.mode.functions, phase.dt
+        ndx = phase.mode.state.ndx
+        r_w, d_w, res_w, g_w, h_w, d_z, res_z, g_z, h_z = self.call(f["stage_d"], x[:-1], u, value.z, phase.p, x[1:])
+        if phase.mode.nz:
+            z_w = -solve_nodes(value.K, r_w)
+            d_w, res_w, g_w, h_w = d_w + d_z @ z_w, res_w + res_z @ z_w, g_w + g_z @ z_w, h_w + h_z @ z_w
+        stage_h = phase.h_mask * dt
+        rows = np.concatenate([res_w, g_w, h_w], axis=1)
+        slopes = np.concatenate([
+            dt * phase.weight * value.residual,
+            dt * weight * phase.g_mask * barrier.slope(value.g, dual.relaxation),
+            stage_h * (dual.penalty * value.h + dual.multiplier),
+        ], axis=1)  # fmt: skip
+        curvatures = np.concatenate([
+            dt * phase.weight,
+            dt * weight * phase.g_mask * barrier.curvature(value.g, dual.relaxation),
+            stage_h * dual.penalty,
+        ], axis=1)  # fmt: skip
+        gradient = np.einsum("nr,nrw->nw", slopes, rows)
+        hessian = rows.swapaxes(1, 2) @ (curvatures[:, :, None] * rows)
+        end_rows = [a[0] for a in self.call(f["terminal_d"], x[-1:], phase.p_end[None])]
+        end_slopes = [
+            phase.end_weight * value.end_residual,
+            dt * weight * phase.end_g_mask * barrier.slope(value.end_g, dual.end_relaxation),
+            phase.end_h_mask * (dual.end_penalty * value.end_h + dual.end_multiplier),
+        ]
+        end_curvatures = [
+            phase.end_weight,
+            dt * weight * phase.end_g_mask * barrier.curvature(value.end_g, dual.end_relaxation),
+            phase.end_h_mask * dual.end_penalty,
+        ]
+        return LqPhase(
+            A=d_w[:, :, :ndx], B=d_w[:, :, ndx:], d=defect,
+            l_x=gradient[:, :ndx], l_u=gradient[:, ndx:],
+            l_xx=hessian[:, :ndx, :ndx], l_ux=hessian[:, ndx:, :ndx], l_uu=hessian[:, ndx:, ndx:],
+            end_x=sum(J.T @ s for J, s in zip(end_rows, end_slopes, strict=True)),
+            end_xx=sum(J.T @ (c[:, None] * J) for J, c in zip(end_rows, end_curvatures, strict=True)),
+            P=self.reset_jacobian(i, iterate, value),
+        )  # fmt: skip
+
+    def reset_jacobian(self, i: int, iterate: Iterate, value: PhaseValues) -> Array | None:
+        """Return the Jacobian of the transition after phase i, at its current defect."""
+        phase = self.problem.phases[i]
+        if phase.transition is None:
+            return None
+        r_x, d_x, d_z = self.call(
+            phase.transition.functions["reset_d"],
+            iterate.states[i][-1:], value.z_reset[None], phase.p_transition[None], iterate.states[i + 1][:1],
+        )  # fmt: skip
+        if phase.transition.nz:
+            d_x = d_x - d_z @ solve_nodes(value.K_reset[None], r_x)
+        return d_x[0]
+
+
+def running_cost(phase: CompiledPhase, value: PhaseValues) -> float:
+    """Return the declared cost of a phase: stages times dt, and its end."""
+    stages = 0.5 * phase.dt * np.sum(phase.weight * value.residual**2)
+    return float(stages + 0.5 * np.sum(phase.end_weight * value.end_residual**2))
+
+
+def penalty_cost(phase: CompiledPhase, value: PhaseValues, dual: PhaseDual, weight: float) -> float:
+    """Return the barrier and augmented-Lagrangian cost of a phase."""
+    dt = phase.dt
+    total = dt * weight * np.sum(phase.g_mask * barrier.value(value.g, dual.relaxation))
+    total += dt * weight * np.sum(phase.end_g_mask * barrier.value(value.end_g, dual.end_relaxation))
+    total += dt * np.sum(phase.h_mask * (0.5 * dual.penalty * value.h**2 + dual.multiplier * value.h))
+    end = 0.5 * dual.end_penalty * value.end_h**2 + dual.end_multiplier * value.end_h
+    return float(total + np.sum(phase.end_h_mask * end))

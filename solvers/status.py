@@ -1,0 +1,32 @@
+"""How a solve ended: an enumeration whose values are sentences with advice."""
+
+from enum import Enum
+
+
+class Status(Enum):
+    """The end of a solve."""
+
+    CONVERGED = "Converged: the iterate is stationary and every tolerance is met."
+    ITERATION_LIMIT = (
+        "Stopped at the iteration limit before every tolerance was met; raise max_iterations, or see explain() for the "
+        "rows that are still violated."
+    )
+    TIME_LIMIT = "Stopped at the time limit before every tolerance was met; raise time_limit_s or warm-start from this result."
+    LINE_SEARCH_FAILED = (
+        "No step decreased the merit even with the largest regularisation; the declared limits may exclude each other, or a "
+        "term is not smooth here: see explain(), and run the derivative check."
+    )
+    INFEASIBLE = (
+        "Stationary, but a constraint stays violated with the largest penalty; the rows that explain() names cannot all "
+        "hold: relax them, lengthen the phase or move the keyframe."
+    )
+    NOT_FINITE = (
+        "The start of the solve is not finite: a value or derivative is NaN at the initial guess or warm start; check the "
+        "initial state and the parameters."
+    )
+    INTERRUPTED = "Interrupted by the user; the best iterate so far is returned."
+
+    @property
+    def advice(self) -> str:
+        """The sentence."""
+        return str(self.value)
