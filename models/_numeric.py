@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .legged import LeggedModel
-from .recursions import Inertials, Point, Recursion, Tree
+from .recursions import Recursion
 from .stance import Stance
+from .tree import Inertials, Point, Tree
 
 Array = NDArray[np.float64]
 Contacts = str | Stance
@@ -46,8 +47,9 @@ class NumericWholeBody(LeggedModel):
     def step(self, x: ArrayLike, u: ArrayLike, feet: Contacts, dt: float, **parameters: Any) -> Array:
         """Return the state one time step later, (nx,), its quaternion of unit length."""
         p = self.numbers(contact=self.flags(feet), **parameters)
-        z = self._solve_contact(x, u, feet, parameters)
-        return self.state.np_normalise(self._functions["step"](x, u, z, dt, *p.values()).full().ravel())
+        state, control = self.checked("x", x, self.state.nx), self.checked("u", u, self.control.nx)
+        z = self._solve_contact(state, control, feet, parameters)
+        return self.state.np_normalise(self._functions["step"](state, control, z, dt, *p.values()).full().ravel())
 
     def foot_positions(self, x: ArrayLike) -> Array:
         """Return the world positions of the feet's frames, (nf, 3) [m]."""

@@ -30,7 +30,7 @@ SHORT_NAMES = {
 
 
 def foot_labels(robot: Robot) -> tuple[str, ...]:
-    """Return the labels of stacked feet: ``"FL x"``, ``"FL y"``, …"""
+    """Return the labels of stacked feet: ``"FL x"``, ``"FL y"``, and so on."""
     return tuple(f"{foot.name} {axis}" for foot in robot.feet for axis in XYZ)
 
 

@@ -1,6 +1,6 @@
 """Rigid-body recursions over a tree: inverse dynamics, mass matrix, motion of points, as CasADi expressions.
 
-The tree is a floating base (link 0) with revolute joints; its numbers come from a ``pinocchio.Model``. Layout is the
+The tree is a floating base (link 0) with revolute joints; its numbers are a :class:`~.tree.Tree`. Layout is the
 state's: ``q`` = world position of the base origin, quaternion (w, x, y, z), joint angles; ``v`` = world velocity of the
 base origin, body angular velocity, joint velocities; ``a`` = dv/dt. Forces are dual to v: world force on the base, body
 torque about its origin, joint torques.
@@ -20,120 +20,17 @@ Vectors live in the frame of their link. Two choices keep the expressions, and a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as cs
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from piaffe.errors import ModelError
 from piaffe.ocp import rotation
 
+from .tree import Inertials, Point, Tree, stack
+
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """A point fixed to a link.
-
-    Args:
-        link: index of the link, 0 for the base.
-        offset: position in the link's frame, (3,) [m].
-    """
-
-    link: int
-    offset: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Tree:
-    """The geometry of a tree of links; link i > 0 hangs on its parent by revolute joint i − 1.
-
-    Args:
-        parents: parent of every link, −1 for the base; a parent comes before its children.
-        rotations: orientation of every joint in its parent's frame at angle zero, (nb, 3, 3).
-        offsets: position of every joint in its parent's frame, (nb, 3) [m].
-        axes: joint axis in the link's own frame, (nb, 3).
-        mass: (nb,) [kg].
-        com: centre of mass in the link's frame, (nb, 3) [m].
-        inertia: about the centre of mass, in the link's axes, as xx, yy, zz, xy, xz, yz, (nb, 6) [kg m²].
-    """
-
-    parents: tuple[int, ...]
-    rotations: Array
-    offsets: Array
-    axes: Array
-    mass: Array
-    com: Array
-    inertia: Array
-
-    @staticmethod
-    def from_pinocchio(model: pin.Model) -> Tree:
-        """Read the numbers of a model with a free-flyer root and revolute joints.
-
-        Raises:
-            ModelError: the first joint is no free flyer, or another is not revolute with one angle.
-        """
-        if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
-            raise ModelError(
-                f"robot '{model.name}': no floating base - got {model.njoints - 1} joints, expected a free-flyer first; "
-                "build the model with pinocchio.JointModelFreeFlyer()"
-            )
-        axes = np.zeros((model.njoints - 1, 3))
-        for i in range(2, model.njoints):
-            axes[i - 1] = _axis(model, i)
-        inertias = [model.inertias[i] for i in range(1, model.njoints)]
-        tensors = np.array([link.inertia for link in inertias])
-        return Tree(
-            parents=tuple(int(model.parents[i]) - 1 for i in range(1, model.njoints)),
-            rotations=np.array([_clean(model.jointPlacements[i].rotation) for i in range(1, model.njoints)]),
-            offsets=np.array([_clean(model.jointPlacements[i].translation) for i in range(1, model.njoints)]),
-            axes=axes,
-            mass=np.array([link.mass for link in inertias]),
-            com=np.array([link.lever for link in inertias]),
-            inertia=tensors[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]],
-        )
-
-    @property
-    def num_links(self) -> int:
-        """Number of links, the base included."""
-        return len(self.parents)
-
-    @property
-    def nv(self) -> int:
-        """Number of velocities: six of the base, one per joint."""
-        return self.num_links + 5
-
-    def path(self, link: int) -> list[int]:
-        """Return the links from ``link`` up to, and without, the base."""
-        links = []
-        while link > 0:
-            links.append(link)
-            link = self.parents[link]
-        return links
-
-
-@dataclass(frozen=True, eq=False)
-class Inertials:
-    """What the links weigh: m, first moment h and second moment Σ of every link about its origin, as expressions."""
-
-    mass: list[cs.SX]
-    first: list[cs.SX]
-    second: list[cs.SX]
-
-    @staticmethod
-    def of(mass: cs.SX, com: cs.SX, inertia: cs.SX) -> Inertials:
-        """Convert masses (nb,), centres of mass (3 nb,) and inertias (6 nb,), stacked as in :class:`Tree`."""
-        first, second = [], []
-        for i in range(mass.numel()):
-            c, (xx, yy, zz, xy, xz, yz) = com[3 * i : 3 * i + 3], cs.vertsplit(inertia[6 * i : 6 * i + 6])
-            half = (xx + yy + zz) / 2
-            about_com = [[half - xx, -xy, -xz], [-xy, half - yy, -yz], [-xz, -yz, half - zz]]
-            first.append(mass[i] * c)
-            second.append(_matrix(about_com) + mass[i] * c @ c.T)
-        return Inertials(cs.vertsplit(mass), first, second)
 
 
 class Recursion:
@@ -304,41 +201,11 @@ class Recursion:
         return mass[0] * self.v[:3] + self.attitude @ relative, self.attitude @ about_com
 
 
-def _axis(model: pin.Model, joint: int) -> Array:
-    """Return the axis of a revolute joint, (3,)."""
-    kind = model.joints[joint]
-    if kind.nq != 1 or kind.nv != 1:
-        raise ModelError(
-            f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got nq {kind.nq}"
-            ", expected a revolute joint with one angle; give it limits in the URDF or lock it"
-        )
-    data = kind.createData()
-    kind.calc(data, pin.neutral(model))
-    subspace = np.asarray(data.S, dtype=float).reshape(6)
-    if np.any(subspace[:3]):
-        raise ModelError(
-            f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got a sliding "
-            f"joint, expected a revolute one; fix it in the URDF"
-        )
-    return _clean(subspace[3:])
-
-
-def _clean(numbers: Array) -> Array:
-    """Round away the noise of URDF angles, so that zeros stay zeros in expressions."""
-    numbers = np.array(numbers, dtype=float)
-    for exact in (0.0, 1.0, -1.0):
-        numbers[np.abs(numbers - exact) < 1e-14] = exact
-    return numbers
-
-
 def _turn(placed: Array, axis: Array, angle: cs.SX) -> cs.SX:
     """Return the rotation of a link's frame in its parent's, (3, 3)."""
-    s, c, cross = cs.sin(angle), cs.cos(angle), np.asarray(cs.DM(cs.skew(axis)))
-    return placed @ np.outer(axis, axis) + c * (placed @ (np.eye(3) - np.outer(axis, axis))) + s * (placed @ cross)
-
-
-def _matrix(rows: list[list[cs.SX]]) -> cs.SX:
-    return cs.vertcat(*(cs.horzcat(*row) for row in rows))
+    along, across = np.outer(axis, axis), np.cross(np.eye(3), axis)
+    parts = [cs.SX(placed @ part) for part in (along, np.eye(3) - along, across)]
+    return parts[0] + cs.cos(angle) * parts[1] + cs.sin(angle) * parts[2]
 
 
 def _spin(alpha: cs.SX, omega: cs.SX) -> cs.SX:
@@ -346,7 +213,7 @@ def _spin(alpha: cs.SX, omega: cs.SX) -> cs.SX:
     x, y, z = cs.vertsplit(omega)
     xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
     a, b, c = cs.vertsplit(alpha)
-    return _matrix([[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]])
+    return stack([[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]])
 
 
 def _vee(carried: cs.SX) -> cs.SX:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as cs
@@ -15,7 +15,7 @@ from piaffe.errors import ModelError
 from piaffe.ocp import rotation
 from piaffe.ocp.manifold import Block, Manifold
 from piaffe.ocp.model import Dynamics, Node, Quantities, Sample
-from piaffe.ocp.quantity import Bound, Quantity
+from piaffe.ocp.quantity import Bound
 
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate
 from .postures import XYZ, foot_labels, place_feet
@@ -39,8 +39,8 @@ class SingleRigidBody(LeggedModel):
     Args:
         robot: the robot.
         mass: m [kg]; by default all links.
-        inertia: I in body axes, (3, 3) or its xx, yy, zz, xy, xz, yz [kg m²]; by default that of the robot as it stands,
-            about its centre of mass.
+        inertia: I in body axes, (3, 3) or its xx, yy, zz, xy, xz, yz [kg m²]; by default that of the robot as it
+            stands, about its centre of mass.
         name: name of the model.
     """
 
@@ -65,7 +65,7 @@ class SingleRigidBody(LeggedModel):
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the dynamics of every contact set, see the class."""
-        position, R, velocity, omega = x[:3], rotation.matrix(x[3:7]), x[7:10], x[10:13]
+        position, R, omega = x[:3], rotation.matrix(x[3:7]), x[10:13]
         force, torque = cs.SX.zeros(3), cs.SX.zeros(3)
         for i in range(self.num_feet):
             push = p["contact"][i] * u[3 * i : 3 * i + 3]
@@ -105,19 +105,19 @@ class SingleRigidBody(LeggedModel):
     def _makers(self, x: cs.SX, u: cs.SX, spin: cs.SX, p: Mapping[str, cs.SX]) -> dict[str, Callable[[], Bound]]:
         """Return how to bind each quantity; the centre of mass is the base's origin."""
         stacked, names = foot_labels(self.robot), self.robot.foot_names
-        bound: list[tuple[Quantity, tuple[str, ...], cs.SX]] = [
-            (base.position, XYZ, x[:3]),
-            (base.orientation, XYZ, x[3:7]),
-            (base.linear_velocity, XYZ, x[7:10]),
-            (base.angular_velocity, XYZ, x[10:13]),
-            (feet.force, stacked, u),
-            (feet.position, stacked, p["footholds"]),
-            (feet.contact, names, p["contact"]),
-            (com.position, XYZ, x[:3]),
-            (com.velocity, XYZ, x[7:10]),
-            (momentum, XYZ, spin),
+        bound = [
+            Bound(base.position, x[:3], XYZ),
+            Bound(base.orientation, x[3:7], XYZ),
+            Bound(base.linear_velocity, x[7:10], XYZ),
+            Bound(base.angular_velocity, x[10:13], XYZ),
+            Bound(feet.force, u, stacked),
+            Bound(feet.position, p["footholds"], stacked),
+            Bound(feet.contact, p["contact"], names),
+            Bound(com.position, x[:3], XYZ),
+            Bound(com.velocity, x[7:10], XYZ),
+            Bound(momentum, spin, XYZ),
         ]
-        return {q.path: lambda q=q, labels=labels, value=value: Bound(q, value, labels) for q, labels, value in bound}
+        return {each.quantity.path: partial(_same, each) for each in bound}
 
     def _footholds(self, sample: Sample) -> Array:
         """Return the reference's feet; without it, those of the standing robot below the base, on the ground."""
@@ -128,6 +128,10 @@ class SingleRigidBody(LeggedModel):
         placed = place_feet(self.robot, np.array([x, y, 0.0]), level, self.robot.pose("stand"))
         placed[:, 2] = self.robot.foot_radius
         return placed.ravel()
+
+
+def _same(bound: Bound) -> Bound:
+    return bound
 
 
 def _standing_inertia(robot: Robot) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Literal
 
 import casadi as cs
@@ -17,8 +18,9 @@ from ._numeric import NumericWholeBody
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, integrate
 from .postures import XYZ, foot_labels
 from .quantities import base, com, feet, frames, joints, momentum
-from .recursions import Inertials, Point, Recursion, Tree
+from .recursions import Recursion
 from .robot import Robot
+from .tree import Inertials, Point, Tree
 
 Integrator = Literal["euler", "semi_implicit"]
 
@@ -58,6 +60,11 @@ class WholeBody(NumericWholeBody):
             raise ModelError(
                 f"whole body of '{robot.name}': unknown integrator - got {integrator!r}, expected 'euler' or "
                 "'semi_implicit'; choose one"
+            )
+        if contact_damping is not None and not contact_damping > 0:
+            raise ModelError(
+                f"whole body of '{robot.name}': contact_damping is no compliance - got {contact_damping}, expected a "
+                "positive number [1/kg]; leave it out for rigid contacts"
             )
         tree, nf = Tree.from_pinocchio(robot.model), len(robot.feet)
         slots = {
@@ -126,7 +133,9 @@ class WholeBody(NumericWholeBody):
         return Dynamics(cs.vertcat(effort, *rows), cs.vertcat(q_next, v_next), quantities, outputs=(feet.force,))
 
     def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
-        """Return the impact of the landing feet L, plastic: z = (v⁺, Λ), configuration unchanged::
+        """Return the impact of the landing feet.
+
+        With flags L, z = (v⁺, Λ) solves, the configuration unchanged and nothing bouncing::
 
             M (v⁺ − v) − Jᵀ L Λ          = 0
             L (J v⁺ + d Λ) + (I − L) Λ   = 0
@@ -181,8 +190,8 @@ class WholeBody(NumericWholeBody):
         supply(com.velocity, XYZ, lambda: motion.momentum(body)[0] / cs.sum1(p["link_mass"]))
         supply(momentum, XYZ, lambda: motion.momentum(body)[1])
         for name, point in self._points.items():
-            supply(frames[name].position, XYZ, lambda point=point: motion.point(point))
-            supply(frames[name].velocity, XYZ, lambda point=point: motion.velocity(point))
+            supply(frames[name].position, XYZ, partial(motion.point, point))
+            supply(frames[name].velocity, XYZ, partial(motion.velocity, point))
         return makers
 
     def _heights(self, motion: Recursion, p: Mapping[str, cs.SX]) -> cs.SX:
