@@ -1,5 +1,6 @@
 """Robots, their dynamics as CasADi models, gaits and the constraints that go with legs."""
 
+from . import gaits as gaits
 from .constraints import base_height as base_height
 from .constraints import foot_clearance as foot_clearance
 from .constraints import friction_cone as friction_cone

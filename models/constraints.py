@@ -111,27 +111,27 @@ def _pyramid_contact(s: Any) -> cs.SX:
     return cs.vec(cs.repmat(cs.SX(s.feet.contact).T, len(_PYRAMID), 1))
 
 
-def _torque(s: Any) -> cs.SX:
+def _torque(s: Any) -> Any:
     return s.joints.torque
 
 
-def _angle(s: Any) -> cs.SX:
+def _angle(s: Any) -> Any:
     return s.joints.position
 
 
-def _speed(s: Any) -> cs.SX:
+def _speed(s: Any) -> Any:
     return s.joints.velocity
 
 
-def _height(s: Any) -> cs.SX:
+def _height(s: Any) -> Any:
     return s.base.position[2]
 
 
-def _foot_height(s: Any) -> cs.SX:
+def _foot_height(s: Any) -> Any:
     return s.feet.height
 
 
-def _swing(s: Any) -> cs.SX:
+def _swing(s: Any) -> Any:
     return 1 - s.feet.contact
 
 

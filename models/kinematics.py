@@ -138,9 +138,8 @@ class Kinematics:
             Joint angles (S, n) [rad] and distances from the wanted places (S, nf) [m].
         """
         feet = np.asarray(feet, dtype=float)
-        batched = isinstance(start, np.ndarray) and start.ndim > 1
-        first = start if batched else self.robot.pose(start)
-        joints = np.array(np.broadcast_to(first, (*feet.shape[:-2], self.robot.num_joints)), dtype=float)
+        first: Array = start if isinstance(start, np.ndarray) and start.ndim > 1 else self.robot.pose(start)
+        joints: Array = np.array(np.broadcast_to(first, (*feet.shape[:-2], self.robot.num_joints)))
         misses = np.zeros(feet.shape[:-1])
         for legs in self.groups:
             angles, miss = self._inverse(legs, feet[..., legs.feet, :], joints[..., legs.joints])

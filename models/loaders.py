@@ -265,8 +265,8 @@ def _solo12_rotors(model: pinocchio.Model) -> Array:
     return np.full(model.nv - 6, 5.3e-6 * 9.0**2)
 
 
-# Solo12's URDF holds placeholders (1000 Nm, 10 rad) for its limits. Here: its actuator's 0.225 Nm/A at 12 A, angles that
-# keep the links apart, and a speed that its motors hold under load.
+# Solo12's URDF holds placeholders (1000 Nm, 10 rad) for its limits. Here: its actuator's 0.225 Nm/A at 12 A, angles
+# that keep the links apart, and a speed that its motors hold under load.
 _KNOWN = {
     "mini_cheetah": _Known(
         urdf="urdf/mini_cheetah.urdf",

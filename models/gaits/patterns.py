@@ -1,0 +1,92 @@
+"""Gaits by name, and :func:`gait` for one's own: cyclic motions written in the roles of feet.
+
+Timings are those published with CAFE-MPC; each gait begins with a short stand on all feet.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from piaffe import ocp
+from piaffe.errors import ProblemError
+
+from ..stance import stance
+from .reference import GaitReference
+
+_ALL = ("front", "hind")
+
+
+def gait(*beats: tuple[str, str | tuple[str, ...], float], intro: float = 0.05, **command: Any) -> ocp.Motion:
+    """Return a cyclic motion from its beats.
+
+    Args:
+        *beats: name, roles of the feet on the ground, and duration [s] of each phase of the cycle. Roles are
+            ``"front"``, ``"front left"`` (both at once), a tuple of such, or ``()`` for flight.
+        intro: length of a stand on all feet before the first cycle [s]; 0 for none.
+        **command: ``speed``, ``yaw_rate``, … of :class:`GaitReference`.
+    """
+    if not beats:
+        raise ProblemError("gait: no beats - got none, expected at least one (name, roles, duration); add it")
+    phases = [ocp.Phase(name, stance(roles=roles), duration) for name, roles, duration in beats]
+    once = (ocp.Phase("stand", stance(roles=_ALL), intro),) if intro > 0 else ()
+    return ocp.Motion(*phases, cyclic=True, once=once, reference=GaitReference(**command))
+
+
+def trot(speed: float = 0.5, *, stance_time: float = 0.25, **options: Any) -> ocp.Motion:
+    """Return a walking trot: diagonal pairs in turn. Options as in :func:`gait`."""
+    return gait(
+        ("left_diagonal", ("front left", "hind right"), stance_time),
+        ("right_diagonal", ("front right", "hind left"), stance_time),
+        speed=speed,
+        **options,
+    )
+
+
+def flying_trot(
+    speed: float = 0.5, *, stance_time: float = 0.15, flight_time: float = 0.10, **options: Any
+) -> ocp.Motion:
+    """Return a trot with flight between the diagonal pairs. Options as in :func:`gait`."""
+    return gait(
+        ("left_diagonal", ("front left", "hind right"), stance_time),
+        ("flight", (), flight_time),
+        ("right_diagonal", ("front right", "hind left"), stance_time),
+        ("flight", (), flight_time),
+        speed=speed,
+        **options,
+    )
+
+
+def pace(speed: float = 0.5, *, stance_time: float = 0.25, **options: Any) -> ocp.Motion:
+    """Return a pace: right feet, then left feet. Options as in :func:`gait`."""
+    return gait(("right", "right", stance_time), ("left", "left", stance_time), speed=speed, **options)
+
+
+def flying_pace(
+    speed: float = 0.5, *, stance_time: float = 0.15, flight_time: float = 0.10, **options: Any
+) -> ocp.Motion:
+    """Return a pace with flight between the sides. Options as in :func:`gait`."""
+    return gait(
+        ("right", "right", stance_time),
+        ("flight", (), flight_time),
+        ("left", "left", stance_time),
+        ("flight", (), flight_time),
+        speed=speed,
+        **options,
+    )
+
+
+def bound(speed: float = 0.5, *, stance_time: float = 0.10, flight_time: float = 0.10, **options: Any) -> ocp.Motion:
+    """Return a bound: front feet, flight, hind feet, flight. Options as in :func:`gait`."""
+    return gait(
+        ("front", "front", stance_time),
+        ("flight", (), flight_time),
+        ("hind", "hind", stance_time),
+        ("flight", (), flight_time),
+        speed=speed,
+        **options,
+    )
+
+
+def pronk(speed: float = 0.5, *, stance_time: float = 0.10, flight_time: float = 0.20, **options: Any) -> ocp.Motion:
+    """Return a pronk: all feet, then flight. Options as in :func:`gait`."""
+    return gait(("stance", _ALL, stance_time), ("flight", (), flight_time), speed=speed, **options)

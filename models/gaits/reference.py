@@ -1,0 +1,251 @@
+"""The heuristic reference of a gait: a base that follows a command, Raibert footholds, swings, and joints that fit."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, ProblemError
+from piaffe.ocp import rotation
+from piaffe.ocp.frame import PlanarFrame
+from piaffe.ocp.model import ModelBase, Sample
+from piaffe.ocp.motion import Piece
+from piaffe.ocp.quantity import Quantity
+from piaffe.ocp.reference import BoundReference, Reference
+
+from ..kinematics import Kinematics
+from ..legged import LeggedModel
+from ..quantities import base, feet, joints
+from .course import Course, ease, turn_by
+from .footsteps import Footsteps, Timetable
+
+Array = NDArray[np.float64]
+
+# A foothold lies within this box about the place below its hip, as fractions of the leg's reach, and within this
+# fraction of the reach as the crow flies.
+_BOX = (0.5, 0.25)
+_STRETCH = 0.95
+_MISS = 0.01  # a foot may miss its reference by this fraction of the leg's reach before the gait is refused
+_AHEAD, _STEP = 50, 0.01  # samples made at once, for the times that are asked for next [s]
+_KEEP = 5000  # samples kept
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitReference(Reference):
+    """Targets of a gait, written in commands; it begins where the motion is, and ramps.
+
+    The foothold of a stance of length T that begins at t is the place below the hip at mid-stance, which is
+    Raibert's ``v T / 2`` with the turning of the base included, less what balances the base's acceleration a and error
+    in velocity [Raibert 1986]::
+
+        p = hip(t + T/2) − (h/g) a + k (v − v_ref)
+
+    clamped to a box about the hip at touchdown that the leg can reach.
+
+    Args:
+        speed: forward velocity after the ramp [m/s].
+        lateral_speed: velocity to the left after the ramp [m/s].
+        yaw_rate: [rad/s].
+        height: of the base above the ground [m]; None for that of the robot's ``"stand"`` pose.
+        ramp: time in which velocity, height, roll and pitch go from where they start to the command [s].
+        swing_height: how far swinging feet rise [m]; None for 0.15 of the leg's reach.
+        velocity_gain: k [s]; None for √(h/g).
+        terrain: height of the ground [m].
+    """
+
+    speed: float = 0.5
+    lateral_speed: float = 0.0
+    yaw_rate: float = 0.0
+    height: float | None = None
+    ramp: float = 1.0
+    swing_height: float | None = None
+    velocity_gain: float | None = None
+    terrain: float = 0.0
+
+    def __post_init__(self) -> None:
+        for key in ("speed", "lateral_speed", "yaw_rate", "ramp", "terrain"):
+            self._require(key, np.isfinite(getattr(self, key)), "a finite number")
+        self._require("ramp", self.ramp >= 0, "seconds ≥ 0")
+        self._require("height", self.height is None or 0 < self.height < np.inf, "metres > 0")
+        self._require("swing_height", self.swing_height is None or 0 <= self.swing_height < np.inf, "metres ≥ 0")
+
+    def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundGait:
+        """Place the gait at the start's base, and its first steps at the start's feet."""
+        if not isinstance(model, LeggedModel):
+            raise ModelError(
+                f"gait: model '{model.name}' has no feet - got {type(model).__name__}, expected a model of a legged "
+                "robot first in the schedule; begin with models.WholeBody(robot)"
+            )
+        return BoundGait(self, model, piece, start)
+
+    def _require(self, key: str, holds: Any, expected: str) -> None:
+        if not holds:
+            raise ProblemError(
+                f"gait: {key} is out of range - got {getattr(self, key)}, expected {expected}; change it"
+            )
+
+
+class BoundGait(BoundReference):
+    """A gait placed in the world.
+
+    Args:
+        gait: its commands.
+        model: the model of the robot.
+        piece: its phases.
+        start: targets at its start.
+
+    Raises:
+        ProblemError: at the commanded speed feet are out of reach.
+    """
+
+    def __init__(self, gait: GaitReference, model: LeggedModel, piece: Piece, start: Sample) -> None:
+        self.gait, self.model, self.piece = gait, model, piece
+        self.robot = model.robot
+        self.kinematics = Kinematics(self.robot)
+        self._height = gait.height if gait.height is not None else self.robot.base_height("stand")
+        self._gravity = float(np.linalg.norm(self.robot.model.gravity.linear)) or 9.81
+        self._home = self.kinematics.feet(self.robot.pose("stand"))
+        self._anchor, self._error = np.inf, np.zeros(2)
+        self._begin(start)
+        table = Timetable(*(tuple((p.duration, model.flags(p.mode)) for p in run) for run in (piece.once, piece.cycle)))
+        swing = gait.swing_height if gait.swing_height is not None else 0.15 * float(self.kinematics.reach.min())
+        ground = gait.terrain + self.robot.foot_radius
+        self.footsteps = Footsteps(table, self._first_feet(start), ground, swing, self._footholds)
+        self._weight = self._weight_while_standing(table)
+        self._kept: dict[float, dict[Quantity, Array]] = {}
+        self._check_reach(table)
+
+    def sample(self, t: float, phase: int) -> Sample:
+        """Return the targets of base, joints and feet."""
+        key = round(t, 9)
+        if key not in self._kept:
+            if len(self._kept) > _KEEP:
+                self._kept.clear()
+            times: Array = key + _STEP * np.arange(_AHEAD, dtype=float)
+            made = self.samples(times)
+            for i, time in enumerate(times):
+                self._kept.setdefault(round(float(time), 9), {quantity: v[i] for quantity, v in made.items()})
+        flags = self.footsteps.timetable.flags(phase)
+        force = np.zeros((len(flags), 3))
+        force[:, 2] = flags * self._weight / max(flags.sum(), 1.0)
+        return {**self._kept[key], feet.force: force.ravel()}
+
+    def samples(self, t: Array) -> dict[Quantity, Array]:
+        """Return the targets at times (S,) [s], all but the forces, each (S, ...)."""
+        position, rpy, velocity, rates = self._base(t)
+        orientation, omega = rotation.np_from_rpy(rpy), rotation.np_body_rate(rpy, rates)
+        place, swing = self.footsteps.at(t)
+        angles, _ = self.kinematics.world_inverse(position, orientation, place)
+        inward = np.swapaxes(rotation.np_matrix(orientation), -1, -2)
+        arms = (place - position[:, None]) @ np.swapaxes(inward, -1, -2)
+        relative = (swing - velocity[:, None]) @ np.swapaxes(inward, -1, -2) - np.cross(omega[:, None], arms)
+        return {
+            base.position: position,
+            base.orientation: orientation,
+            base.linear_velocity: velocity,
+            base.angular_velocity: omega,
+            joints.position: angles,
+            joints.velocity: self.kinematics.joint_velocities(angles, relative),
+            feet.position: place.reshape(len(t), -1),
+            feet.velocity: swing.reshape(len(t), -1),
+        }
+
+    def anchored(self, t: float, actual: Sample) -> BoundGait:
+        """Return the gait carried to where the robot really is at time t [s], for a controller that plans anew.
+
+        The course of the base begins at the actual place and heading. Feet on the ground stay where they are; the next
+        foothold of every foot makes up for the error in velocity.
+
+        Args:
+            t: local time of the actual sample [s].
+            actual: base position, orientation and linear velocity, and the feet's positions if known.
+        """
+        now = np.array([t])
+        place = np.asarray(actual[base.position])
+        meant, yaw = self.course.position(now)[0], float(self.course.yaw(now)[0])
+        turn = float(rotation.np_to_rpy(np.asarray(actual[base.orientation]))[2]) - yaw
+        turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+        origin = place[:2] + turn_by(np.array(turn), np.array(self.course.origin[:2]) - meant)
+        moved = copy(self)
+        moved.course = replace(self.course, origin=(float(origin[0]), float(origin[1]), self.course.origin[2] + turn))
+        velocity = np.asarray(actual.get(base.linear_velocity, np.zeros(3)))[:2]
+        moved._anchor, moved._error = t, velocity - moved.course.velocity(now)[0]
+        where = np.asarray(actual[feet.position]).reshape(-1, 3) if feet.position in actual else None
+        moved.footsteps = self.footsteps.held(t, where, moved._footholds)
+        moved._kept = {}
+        return moved
+
+    # ---- the base
+
+    def _begin(self, start: Sample) -> None:
+        position, rpy = np.asarray(start[base.position]), rotation.np_to_rpy(np.asarray(start[base.orientation]))
+        moving = np.asarray(start.get(base.linear_velocity, np.zeros(3)))
+        turning = np.asarray(start.get(base.angular_velocity, np.zeros(3)))
+        first = np.array([*turn_by(-rpy[2], moving[:2]), turning[2]])
+        last = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate])
+        self.course = Course((float(position[0]), float(position[1]), float(rpy[2])), first, last, self.gait.ramp)
+        self._posture = np.array([position[2], rpy[0], rpy[1]])
+
+    def _base(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Return position, roll-pitch-yaw, linear velocity and rates of roll-pitch-yaw, (S, 3) each."""
+        upright = np.array([self.gait.terrain + self._height, 0.0, 0.0])
+        posture, rates = ease(t, self.gait.ramp, self._posture, upright)
+        yaw, turning = self.course.yaw(t), self.course.command(t)[:, 2]
+        return (
+            np.column_stack([self.course.position(t), posture[:, 0]]),
+            np.column_stack([posture[:, 1:], yaw]),
+            np.column_stack([self.course.velocity(t), rates[:, 0]]),
+            np.column_stack([rates[:, 1:], turning]),
+        )
+
+    # ---- the feet
+
+    def _first_feet(self, start: Sample) -> Array:
+        if feet.position in start:
+            return np.asarray(start[feet.position]).reshape(-1, 3)
+        angles = np.asarray(start[joints.position]) if joints.position in start else self.robot.pose("stand")
+        return self.kinematics.world_feet(np.asarray(start[base.position]), np.asarray(start[base.orientation]), angles)
+
+    def _footholds(self, foot: int, touchdown: Array, length: Array) -> Array:
+        """Return where a foot stands in stances, (k, 2) [m]; see :class:`GaitReference`."""
+        home = self._home[foot, :2]
+        lever = self._height / self._gravity
+        gain = self.gait.velocity_gain if self.gait.velocity_gain is not None else np.sqrt(lever)
+        middle = touchdown + length / 2
+        balance = home - lever * self.course.acceleration(middle)
+        place = self.course.position(middle) + turn_by(self.course.yaw(middle), balance)
+        corrected = np.flatnonzero(touchdown > self._anchor)[:1]
+        place[corrected] += gain * self._error
+        hip, yaw = self.course.position(touchdown), self.course.yaw(touchdown)
+        offset = turn_by(-yaw, place - hip) - home
+        reach = self.kinematics.reach[foot]
+        room = np.sqrt(max((_STRETCH * reach) ** 2 - self._height**2, 0.0))
+        box = np.minimum(np.array(_BOX) * reach, room)
+        return np.asarray(hip + turn_by(yaw, home + np.clip(offset, -box, box)))
+
+    def _weight_while_standing(self, table: Timetable) -> float:
+        """Return the force of all feet together that carries the robot's weight on average over a cycle [N]."""
+        run = table.cycle or table.once
+        standing = sum(duration for duration, flags in run if flags.any())
+        whole = sum(duration for duration, _ in run)
+        return float(self.robot.mass * self._gravity * (whole / standing if standing else 0.0))
+
+    def _check_reach(self, table: Timetable) -> None:
+        """Raise if feet cannot follow their reference once the command is reached."""
+        settled = self.gait.ramp + sum(duration for duration, _ in table.once) + table.period
+        t = settled + np.arange(0.0, max(table.period, _STEP), _STEP)
+        position, rpy, _, _ = self._base(t)
+        place, _ = self.footsteps.at(t)
+        _, miss = self.kinematics.world_inverse(position, rotation.np_from_rpy(rpy), place)
+        foot = int(np.argmax(miss.max(axis=0)))
+        if miss[:, foot].max() > _MISS * self.kinematics.reach[foot]:
+            raise ProblemError(
+                f"gait of robot '{self.robot.name}', foot '{self.robot.feet[foot].name}': its reference is out of "
+                f"reach - got {miss[:, foot].max():.3f} m too far at speed {self.gait.speed} m/s, base height "
+                f"{self._height:.3f} m, expected a foot within reach of its leg; lower the speed, the height or the "
+                "stance time"
+            )
