@@ -1,0 +1,117 @@
+"""The single rigid body: forces and torques, footholds, what it binds and refuses."""
+
+import casadi as cs
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe.models import SingleRigidBody, base, feet, load, stance
+from piaffe.ocp.model import Node
+from piaffe.ocp.rotation import np_from_rpy, np_matrix
+
+FEET = np.array([[0.2, 0.1, 0.0], [0.2, -0.1, 0.0], [-0.2, 0.1, 0.0], [-0.2, -0.1, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def body() -> SingleRigidBody:
+    return SingleRigidBody(load("mini_cheetah"))
+
+
+def test_state_is_a_prefix_choice_of_the_whole_body(body: SingleRigidBody) -> None:
+    x = body.state(rpy=(0.1, 0.2, 0.3), linear_velocity=(1, 2, 3), angular_velocity=(4, 5, 6))
+    assert (body.state.nx, body.state.ndx, body.control.nx) == (13, 12, 12)
+    np.testing.assert_allclose(x[3:], [*np_from_rpy(np.array([0.1, 0.2, 0.3])), 1, 2, 3, 4, 5, 6])
+
+
+def test_mass_and_inertia_default_to_the_standing_robot(body: SingleRigidBody) -> None:
+    model, numbers = body.robot.model, body.numbers()
+    q, data = pin.neutral(model), model.createData()
+    q[7:] = body.robot.pose("stand")
+    pin.ccrba(model, data, q, np.zeros(model.nv))
+    assert numbers["mass"] == pytest.approx([pin.computeTotalMass(model)])
+    xx, yy, zz, xy, xz, yz = numbers["inertia"]
+    np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], data.Ig.inertia, atol=1e-12)
+
+
+def test_newton_and_euler(body: SingleRigidBody) -> None:
+    rng = np.random.default_rng(0)
+    inertia = np.array([[0.06, 0.01, 0.002], [0.01, 0.22, 0.003], [0.002, 0.003, 0.27]])
+    model = SingleRigidBody(body.robot, mass=9.0, inertia=inertia)
+    x, forces, dt = model.state.np_normalise(rng.normal(size=13)), rng.normal(size=(4, 3)), 1e-2
+    after = model.step(x, forces, "FL FR HL HR", FEET, dt)
+    R, omega = np_matrix(x[3:7]), x[10:13]
+    torque = R.T @ np.cross(FEET - x[:3], forces).sum(axis=0)
+    spin = np.linalg.solve(inertia, torque - np.cross(omega, inertia @ omega))
+    expected = np.concatenate([x[7:10], omega, forces.sum(axis=0) / 9.0 + [0, 0, -9.81], spin])
+    np.testing.assert_allclose(model.state.np_minus(after, x) / dt, expected, atol=1e-9)
+
+
+def test_entries_of_absent_feet_move_nothing(body: SingleRigidBody) -> None:
+    x, rng = body.state(), np.random.default_rng(1)
+    forces, changed, moved = rng.normal(size=12), rng.normal(size=12), FEET.copy()
+    changed[[0, 1, 2, 9, 10, 11]] = forces[[0, 1, 2, 9, 10, 11]]
+    moved[[1, 2]] += 1.0
+    after = body.step(x, forces, "FL HR", FEET, 0.05)
+    np.testing.assert_array_equal(body.step(x, changed, "FL HR", moved, 0.05), after)
+
+
+def test_angular_momentum_is_kept_in_flight(body: SingleRigidBody) -> None:
+    def world_momentum(x: np.ndarray) -> np.ndarray:
+        xx, yy, zz, xy, xz, yz = body.numbers()["inertia"]
+        return np_matrix(x[3:7]) @ (np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ x[10:13])
+
+    drifts = []
+    for steps in (100, 200):
+        x = start = body.state(angular_velocity=(3.0, -2.0, 1.0))
+        for _ in range(steps):
+            x = body.step(x, np.ones(12), "", FEET, 0.2 / steps)
+        drifts.append(np.linalg.norm(world_momentum(x) - world_momentum(start)))
+    assert drifts[0] / drifts[1] == pytest.approx(2.0, abs=0.1)  # explicit Euler is of first order
+
+
+def test_node_takes_footholds_from_the_reference(body: SingleRigidBody) -> None:
+    sample = {base.position: np.zeros(3), base.orientation: np.array([1.0, 0, 0, 0]), feet.position: FEET.ravel()}
+    given = body.node_parameters(Node(0.0, stance("FL HR"), None, sample))
+    np.testing.assert_array_equal(given["contact"], [1, 0, 0, 1])
+    np.testing.assert_array_equal(given["footholds"], FEET.ravel())
+
+
+def test_node_without_reference_of_the_feet_puts_them_below_the_base(body: SingleRigidBody) -> None:
+    tilted = np_from_rpy(np.array([0.4, 0.3, np.pi / 2]))
+    sample = {base.position: np.array([1.0, 2.0, 0.5]), base.orientation: tilted}
+    footholds = body.node_parameters(Node(0.0, stance(), None, sample))["footholds"].reshape(-1, 3)
+    np.testing.assert_allclose(footholds[:, 2], body.robot.foot_radius)
+    assert np.all(footholds[:2, 1] > 2.0)  # turned a quarter to the left, the front feet are ahead in y
+    assert np.all(footholds[2:, 1] < 2.0)
+    np.testing.assert_allclose(footholds[:, 0], [0.889, 1.111, 0.889, 1.111], atol=1e-9)
+
+
+def test_modes_never_cut_it(body: SingleRigidBody) -> None:
+    assert not body.cut_by_modes
+    assert body.implicit_size("contact") == 0
+    assert body.mode_key(stance("FL")) == body.mode_key("") == "contact"
+
+
+def test_quantities(body: SingleRigidBody) -> None:
+    x, u, p = cs.SX.sym("x", 13), cs.SX.sym("u", 12), body.symbols()
+    quantities = body.dynamics("contact", x, u, cs.SX(0, 1), p).quantities
+    for path in quantities.paths:
+        bound = quantities.bind(path)
+        assert bound.value.shape == (4 if path == "base.orientation" else bound.size, 1)
+    assert feet.force in quantities
+    assert "feet.height" not in quantities
+    with pytest.raises(UnknownNameError, match=r"no quantity 'feet\.heigh'"):
+        quantities.bind("feet.heigh")
+
+
+def test_wrong_arguments_are_refused(body: SingleRigidBody) -> None:
+    x = body.state()
+    with pytest.raises(UnknownNameError, match="no foot 'RL' - got 'RL', expected one of"):
+        body.step(x, np.zeros(12), "RL", FEET, 0.01)
+    with pytest.raises(ShapeError, match="parameter 'footholds': wrong size - got 9 entries, expected 12"):
+        body.step(x, np.zeros(12), "FL", FEET[:3], 0.01)
+    with pytest.raises(ShapeError, match="argument 'u': wrong size - got 3 entries, expected 12"):
+        body.step(x, np.zeros(3), "FL", FEET, 0.01)
+    with pytest.raises(ModelError, match=r"inertia is unusable - got shape \(2,\), expected a symmetric"):
+        SingleRigidBody(body.robot, inertia=[1.0, 2.0])
