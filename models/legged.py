@@ -60,9 +60,14 @@ class LeggedModel(ModelBase):
         slots: Mapping[str, Any],
         cut_by_modes: bool = True,
     ) -> None:
-        fixed = tuple(Slot(key, np.size(value), tuple(np.ravel(value).astype(float))) for key, value in slots.items())
+        fixed = tuple(
+            Slot(key, np.size(value), tuple(np.ravel(value).astype(float).tolist())) for key, value in slots.items()
+        )
         super().__init__(name, RobotState(state, robot), control, slots=fixed, cut_by_modes=cut_by_modes)
         self.robot = robot
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}('{self.name}')"
 
     @property
     def num_feet(self) -> int:
