@@ -2,7 +2,7 @@
 
 from math import pi
 
-from piaffe import models, ocp
+from piaffe import models, ocp, solvers
 from piaffe.models import base, joints, stance
 
 robot = models.load("mini_cheetah")

@@ -196,6 +196,10 @@ class ModelBase(ABC):
         """Return warnings about a motion's targets, given the ``ocp.path.Path`` that they follow."""
         return []
 
+    def recipe(self) -> dict[str, object]:
+        """Return what a file must hold to rebuild what plots and films need of the model, as JSON-able values."""
+        return {}
+
     # ---- what a user says with it
 
     def over(self, duration: float, dt: float) -> Schedule:

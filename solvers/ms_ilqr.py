@@ -9,32 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem, Problem, compile_problem
 
-from . import barrier
+from . import accounts, barrier
 from .iterate import Evaluator, Iterate, PhaseDual, PhaseValues, penalty_cost, running_cost
 from .options import Options
+from .record import Record
 from .riccati import Direction, LqPhase, Sweep, backward, roll_out
+from .solution import PhaseSolution, Solution
 from .status import Status
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Record:
-    """One iteration, as the live table shows it and a solution keeps it."""
-
-    iteration: int
-    cost: float
-    merit: float
-    expected: float
-    max_defect: float
-    max_equality: float
-    max_inequality: float
-    step_size: float
-    regularization: float
-    barrier_weight: float
-    wall_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +58,46 @@ class MSiLQR:
 
     # ---- the algorithm
 
-    def run(self, start: Iterate, report: Callable[[Record], None] | None = None) -> Run:
-        """Iterate from a start until convergence or a limit."""
-        return Run(self, start, report)
+    def solve(
+        self, warm_start: Solution | None = None, *, progress: Callable[[Record], None] | None = None
+    ) -> Solution:
+        """Solve the problem.
+
+        Args:
+            warm_start: a solution of a problem with the same phases and sizes: states, controls and multipliers to
+                begin with. Without it the path through the targets is the start.
+            progress: called with every iteration's record.
+
+        Returns:
+            The solution; its status says how the solve ended. A solve that does not converge does not raise.
+
+        Raises:
+            SolverError: the warm start does not fit the problem.
+        """
+        began = time.perf_counter()
+        run = Run(self, self.start(warm_start), progress)
+        if warm_start is not None:
+            run.resume(warm_start)
+        try:
+            status = run.loop()
+        except KeyboardInterrupt:
+            status = Status.INTERRUPTED
+        return run.solution(status, time.perf_counter() - began)
+
+    def start(self, warm_start: Solution | None) -> Iterate:
+        """Return the states and controls to begin with."""
+        phases = self.problem.phases
+        if warm_start is None:
+            return Iterate([p.guess_states for p in phases], [p.guess_controls for p in phases])
+        given = warm_start.trajectory.phases
+        sizes = [(p.name, p.num_stages, p.mode.state.nx, p.mode.nu) for p in phases]
+        got = [(p.name, len(p.controls), p.states.shape[1], p.controls.shape[1]) for p in given]
+        if [s[1:] for s in sizes] != [g[1:] for g in got]:
+            raise SolverError(
+                f"warm start: does not fit the problem - got phases {got}, expected {sizes} (name, stages, nx, nu); "
+                "pass a solution of the same phases, or none"
+            )
+        return Iterate([p.states.copy() for p in given], [p.controls.copy() for p in given])
 
 
 class Run:
@@ -94,6 +117,7 @@ class Run:
         self.models: list[LqPhase] = []
         self.status = Status.ITERATION_LIMIT
         self.last_equality = np.inf
+        self.since = 0
 
     def first_dual(self, i: int) -> PhaseDual:
         """Return fresh barrier and multiplier state for a phase."""
@@ -168,13 +192,17 @@ class Run:
 
     def is_stationary(self, expected: float, size: float) -> bool:
         """Return whether the sub-problem of the current barrier and multipliers is solved well enough to change them."""
+        self.since += 1
+        if self.since >= self.o.max_inner and self.current.max_defect < 0.05:
+            self.since = 0
+            return True
         scale = 1 + abs(self.current.cost)
         tolerance = max(self.o.cost_tolerance, 0.1 * self.weight * self.o.barrier_gap) * scale
         return abs(expected) < tolerance and self.current.max_defect < self.o.max_defect
 
     def finish(self, equality: float, inequality: float) -> bool:
         """Return whether everything is met; otherwise move barrier and multipliers on."""
-        done = equality <= self.o.max_equality and inequality <= self.o.max_inequality
+        done = equality <= self.o.max_equality and inequality <= self.o.max_inequality and self.current.max_defect < self.o.max_defect
         done = done and self.barrier_gap() <= self.o.barrier_gap * (1 + abs(self.current.cost))
         if not done:
             self.update_barrier()
@@ -230,8 +258,8 @@ class Run:
         """Return the step accepted by the merit line search, 0 if none; moves the current iterate."""
         o, gap = self.o, self.current.gap
         change = direction.dV1 + 0.5 * max(direction.dV2, 0.0)
-        if gap > 1e-12 and change > 0:
-            self.rho = max(self.rho, 1.1 * change / ((1 - o.merit_margin) * gap))
+        needed = max(change, 0.0) / ((1 - o.merit_margin) * gap) if gap > 1e-12 else 0.0
+        self.rho = max(needed, 0.5 * self.rho, o.merit_offset)
         before = self.augmented(self.current) + self.rho * gap
         size = 1.0
         while size >= o.min_step:
@@ -261,3 +289,58 @@ class Run:
             self.regularization = self.regularization / 4 if self.regularization > self.o.regularization else 0.0
         elif size < 0.1:
             self.raise_regularization()
+
+    # ---- the result
+
+    def resume(self, solution: Solution) -> None:
+        """Take multipliers, penalties, relaxations and ε from an earlier solution."""
+        self.weight = solution.barrier_weight
+        for dual, phase in zip(self.duals, solution.phases, strict=True):
+            stored = phase.multipliers
+            if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
+                continue  # the constraints changed since: begin afresh there
+            dual.multiplier, dual.end_multiplier = stored["equality"].copy(), stored["end_equality"].copy()
+            dual.penalty, dual.end_penalty = stored["penalty"].copy(), stored["end_penalty"].copy()
+            dual.relaxation, dual.end_relaxation = stored["relaxation"].copy(), stored["end_relaxation"].copy()
+
+    def solution(self, status: Status, wall_s: float) -> Solution:
+        """Return the current iterate as a solution."""
+        at, problem = self.current, self.problem
+        models, regularization = self.linearise(), 0.0
+        sweeps = backward(models, regularization)
+        while sweeps is None and regularization < self.o.max_regularization:
+            regularization = max(10 * regularization, self.o.regularization)
+            sweeps = backward(models, regularization)
+        equality, inequality = self.violations(at)
+        phases = []
+        for i, phase in enumerate(problem.phases):
+            dual, value = self.duals[i], at.values[i]
+            push, end_push = accounts.inequality_multipliers(value, dual, self.weight)
+            multipliers = {
+                "equality": dual.multiplier, "end_equality": dual.end_multiplier, "penalty": dual.penalty,
+                "end_penalty": dual.end_penalty, "relaxation": dual.relaxation, "end_relaxation": dual.end_relaxation,
+                "inequality": push * phase.g_mask, "end_inequality": end_push * phase.end_g_mask,
+            }  # fmt: skip
+            sweep = sweeps[i] if sweeps is not None else blank(models[i])
+            policy = {name: getattr(sweep, name) for name in SWEEP_FIELDS}
+            phases.append(PhaseSolution(**policy, defects=at.defects[i], multipliers=multipliers, target_states=phase.guess_states))
+        return Solution(
+            status=status, trajectory=accounts.trajectory(self.evaluator, at.iterate, at.values), phases=tuple(phases),
+            history=tuple(self.history), cost=at.cost, max_defect=at.max_defect, max_equality=equality,
+            max_inequality=inequality, term_costs=accounts.term_costs(problem, at.values),
+            violations=accounts.violations(problem, at.values, self.duals, self.weight), barrier_weight=self.weight,
+            wall_s=wall_s, compile_s=problem.compile_s,
+            models={p.mode.model.name: p.mode.model.recipe() for p in problem.phases}, limits=accounts.limits(problem),
+        )  # fmt: skip
+
+
+SWEEP_FIELDS = ("feedforward", "feedback", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu")
+
+
+def blank(model: LqPhase) -> Sweep:
+    """Return a sweep of zeros, for an iterate at which no sweep succeeds."""
+    n, ndx, nu = model.B.shape
+    return Sweep(
+        np.zeros((n, nu)), np.zeros((n, nu, ndx)), np.zeros((n + 1, ndx)), np.zeros((n + 1, ndx, ndx)), np.zeros((n, ndx)),
+        np.zeros((n, nu)), np.zeros((n, ndx, ndx)), np.zeros((n, nu, ndx)), np.zeros((n, nu, nu)),
+    )  # fmt: skip

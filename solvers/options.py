@@ -48,6 +48,8 @@ class Options:
     max_penalty: float = 1e6
     armijo: float = 0.1
     merit_margin: float = 0.1
+    merit_offset: float = 1.0
+    max_inner: int = 20
     step_shrink: float = 0.5
     min_step: float = 1e-3
     regularization: float = 1e-6

@@ -1,0 +1,131 @@
+"""Files of solutions: one ``.npz`` with a JSON header that carries a format name and version."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import zipfile
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import FileFormatError
+from piaffe.ocp import Block, Manifold, PhaseTrajectory, Quantity, Trajectory
+
+from .record import Record
+from .solution import PhaseSolution, Solution, Violation
+from .status import Status
+
+FORMAT = "piaffe-solution"
+VERSION = 1
+
+Array = NDArray[np.float64]
+_ARRAYS = ("feedforward", "feedback", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu", "defects", "target_states")
+_NUMBERS = ("cost", "max_defect", "max_equality", "max_inequality", "barrier_weight", "wall_s", "compile_s")
+
+
+def _space(space: Manifold) -> list[dict[str, Any]]:
+    return [{"quantity": asdict(b.quantity), "labels": b.labels, "rate_of": asdict(b.rate_of) if b.rate_of else None} for b in space.blocks]
+
+
+def _read_space(blocks: list[dict[str, Any]]) -> Manifold:
+    return Manifold(
+        tuple(
+            Block(Quantity(**b["quantity"]), tuple(b["labels"]), Quantity(**b["rate_of"]) if b["rate_of"] else None)
+            for b in blocks
+        )
+    )
+
+
+def save(solution: Solution, path: Path) -> Path:
+    """Write a solution; the file appears whole or not at all."""
+    arrays: dict[str, Array] = {}
+    phases = []
+    for i, (part, policy) in enumerate(zip(solution.trajectory.phases, solution.phases, strict=True)):
+        arrays |= {f"{i}/times": part.times, f"{i}/states": part.states, f"{i}/controls": part.controls}
+        arrays |= {f"{i}/{name}": getattr(policy, name) for name in _ARRAYS}
+        arrays |= {f"{i}/multipliers/{name}": value for name, value in policy.multipliers.items()}
+        arrays |= {f"{i}/outputs/{j}": value for j, value in enumerate(part.outputs.values())}
+        phases.append({
+            "name": part.name, "mode": part.mode, "model": part.model, "ends_phase": part.ends_phase,
+            "state": _space(part.state), "control": _space(part.control),
+            "outputs": [asdict(quantity) for quantity in part.outputs], "multipliers": list(policy.multipliers),
+        })  # fmt: skip
+    names = [field.name for field in fields(Record)]
+    arrays["history"] = np.array([[getattr(r, n) for n in names] for r in solution.history]).reshape(-1, len(names))
+    header = {
+        "format": FORMAT, "version": VERSION, "status": solution.status.name, "phases": phases, "history": names,
+        "term_costs": dict(solution.term_costs), "violations": [asdict(v) for v in solution.violations],
+        "models": dict(solution.models), "limits": list(solution.limits),
+        **{name: getattr(solution, name) for name in _NUMBERS},
+    }  # fmt: skip
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)  # type: ignore[assignment]  # bytes
+    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # numpy's stub for keyword arrays
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+    return path
+
+
+def load(path: Path) -> Solution:
+    """Read a solution.
+
+    Raises:
+        FileFormatError: the file is missing, truncated, foreign, or written by a newer version.
+    """
+    if not path.is_file():
+        raise FileFormatError(f"file '{path.name}': not there - got no file, expected a saved solution; check the path")
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            data = {name: stored[name] for name in stored.files}
+    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
+        raise FileFormatError(f"file '{path.name}': truncated or not an archive - got {error}, expected a .npz saved by Piaffe; save it again") from error  # fmt: skip
+    try:
+        header = json.loads(bytes(data["header"]))
+    except (KeyError, ValueError) as error:
+        raise FileFormatError(f"file '{path.name}': foreign archive - got no readable header, expected one of format '{FORMAT}'; pass a file saved by Piaffe") from error  # fmt: skip
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise FileFormatError(f"file '{path.name}': foreign archive - got format {header.get('format') if isinstance(header, dict) else header!r}, expected '{FORMAT}'; pass a file saved by Piaffe")  # fmt: skip
+    if header["version"] > VERSION:
+        raise FileFormatError(f"file '{path.name}': written by a newer Piaffe - got version {header['version']}, expected at most {VERSION}; upgrade Piaffe")  # fmt: skip
+    try:
+        return _assemble(header, data)
+    except (KeyError, IndexError, TypeError) as error:
+        raise FileFormatError(f"file '{path.name}': incomplete - got no {error}, expected every array of the header; save it again") from error  # fmt: skip
+
+
+def _assemble(header: dict[str, Any], data: dict[str, Array]) -> Solution:
+    parts, policies = [], []
+    for i, phase in enumerate(header["phases"]):
+        outputs = {Quantity(**q): data[f"{i}/outputs/{j}"] for j, q in enumerate(phase["outputs"])}
+        parts.append(
+            PhaseTrajectory(
+                name=phase["name"], mode=phase["mode"], model=phase["model"], times=data[f"{i}/times"],
+                states=data[f"{i}/states"], controls=data[f"{i}/controls"], outputs=outputs,
+                state=_read_space(phase["state"]), control=_read_space(phase["control"]), ends_phase=phase["ends_phase"],
+            )
+        )  # fmt: skip
+        multipliers = {name: data[f"{i}/multipliers/{name}"] for name in phase["multipliers"]}
+        policies.append(PhaseSolution(**{name: data[f"{i}/{name}"] for name in _ARRAYS}, multipliers=multipliers))
+    whole = {"iteration"}
+    history = tuple(
+        Record(**{n: int(v) if n in whole else float(v) for n, v in zip(header["history"], row, strict=True)})
+        for row in data["history"]
+    )
+    return Solution(
+        status=Status[header["status"]], trajectory=Trajectory(tuple(parts)), phases=tuple(policies), history=history,
+        term_costs=header["term_costs"], violations=tuple(Violation(**v) for v in header["violations"]),
+        models=header["models"], limits=tuple(header["limits"]), **{name: header[name] for name in _NUMBERS},
+    )  # fmt: skip
