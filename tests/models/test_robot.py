@@ -1,0 +1,183 @@
+"""Robots: their numbers, names, poses, and the messages when something is asked that they lack."""
+
+from math import pi
+
+import numpy as np
+import pinocchio
+import pytest
+
+from piaffe import models
+from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe.models.loaders import names
+from piaffe.models.robot import to_pinocchio
+from piaffe.ocp import rotation
+
+
+@pytest.fixture(scope="module")
+def cheetah():
+    return models.load("mini_cheetah")
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_known_robot_loads_with_four_feet_of_all_roles(name):
+    robot = models.load(name)
+    corners = {(front, side) for front in ("front", "hind") for side in ("left", "right")}
+    assert {tuple(sorted(foot.roles)) for foot in robot.feet} == {tuple(sorted(corner)) for corner in corners}
+    assert robot.num_joints == 12
+    assert robot.name == name
+    for pose in ("stand", "crouch"):
+        assert np.all(robot.pose(pose) >= robot.joint_lower)
+        assert np.all(robot.pose(pose) <= robot.joint_upper)
+    assert robot.base_height("crouch") < 0.8 * robot.base_height("stand")
+
+
+@pytest.mark.parametrize("name", names())
+def test_stand_has_all_feet_on_the_ground_below_the_centre_of_mass(name):
+    robot = models.load(name)
+    q = pinocchio.neutral(robot.model)
+    q[2], q[7:] = robot.base_height("stand"), robot.pose("stand")
+    data = robot.model.createData()
+    pinocchio.framesForwardKinematics(robot.model, data, q)
+    feet = np.array([data.oMf[robot.frame_id(foot.frame)].translation for foot in robot.feet])
+    assert feet[:, 2] == pytest.approx(robot.foot_radius, abs=1e-9)
+    com = pinocchio.centerOfMass(robot.model, data, q)
+    assert com[:2] == pytest.approx(feet[:, :2].mean(axis=0), abs=0.05 * np.ptp(feet[:, 0]))
+
+
+def test_mini_cheetah_has_the_published_mass_names_and_limits(cheetah):
+    assert cheetah.mass == pytest.approx(8.252, abs=1e-9)
+    assert cheetah.joint_names == tuple(f"{leg}_{j}" for leg in ("FL", "FR", "HL", "HR") for j in ("HAA", "HFE", "KFE"))
+    assert cheetah.foot_names == ("FL", "FR", "HL", "HR")
+    assert cheetah.foot_radius == 0.0175
+    assert cheetah.torque_limit == pytest.approx(17.0)
+    assert cheetah.joint_speed_limit == pytest.approx(20.0)
+    assert cheetah.joint_upper == pytest.approx(np.tile([1.3, 5.0, pi], 4), abs=1e-15)
+    assert cheetah.joint_lower == pytest.approx(-cheetah.joint_upper)
+    assert not cheetah.armature.any()
+
+
+@pytest.mark.parametrize(
+    ("pose", "height"),  # cafe-mpc's model, foot radius 0
+    [((0, -1, 2), 0.2183), ((0, -1.2, 2.4), 0.1464), ((0, -0.9, 1.8), 0.2511), ((0, -1.1, 2.2), 0.1833)],
+)
+def test_mini_cheetah_stands_at_the_published_heights(pose, height):
+    robot = models.load("mini_cheetah", foot_radius=0.0)
+    assert robot.base_height(np.tile(pose, 4)) == pytest.approx(height, abs=5e-5)
+
+
+def test_mini_cheetah_reproduces_the_published_feet_and_flight_acceleration():
+    """Configuration and velocities all one, torque zero; world linear and joint accelerations."""
+    robot = models.load("mini_cheetah", foot_radius=0.0)
+    rpy = np.ones(3)
+    omega = rotation.np_body_rate(rpy, np.ones(3))
+    x = np.concatenate([np.ones(3), rotation.np_from_rpy(rpy), np.ones(12), np.ones(3), omega, np.ones(12)])
+    q, v = to_pinocchio(x)
+    data = robot.model.createData()
+    a = pinocchio.aba(robot.model, data, q, v, np.zeros(18))
+    R = rotation.np_matrix(x[3:7])
+    assert R @ (a[:3] + np.cross(v[3:6], v[:3])) == pytest.approx([0.0167, 0.0347, -9.8007], abs=6e-5)
+    published = [0.8268, 0.6603, -5.2010, -0.2201, 1.3537, -4.9655, 1.0438, -1.0924, -0.5153, 0.1417, -0.2949, -0.2164]
+    assert a[6:] == pytest.approx(published, abs=6e-5)
+    pinocchio.framesForwardKinematics(robot.model, data, q)
+    feet = [data.oMf[robot.frame_id(foot.frame)].translation for foot in robot.feet]
+    published = [
+        [1.184079, 1.341408, 0.602812],
+        [1.096458, 1.202452, 0.497336],
+        [1.073147, 1.168641, 0.922571],
+        [0.985526, 1.029685, 0.817095],
+    ]
+    assert np.array(feet) == pytest.approx(np.array(published), abs=6e-7)
+
+
+def test_rotors_add_their_masses_and_reflected_inertia():
+    robot = models.load("mini_cheetah", rotors=True)
+    assert robot.mass == pytest.approx(8.912, abs=1e-9)
+    assert robot.armature[:3] == pytest.approx([2.268e-3, 2.268e-3, 5.484e-3], abs=1e-6)
+    assert robot.model.armature[6:] == pytest.approx(robot.armature)
+    with pytest.raises(ModelError, match=r"got rotors=True, expected one of \['mini_cheetah', 'solo12'\]"):
+        models.load("go2", rotors=True)
+
+
+def test_pose_takes_a_name_numbers_or_labels(cheetah):
+    assert cheetah.pose("lean")[:6] == pytest.approx([pi / 6, -1, 2, -pi / 5, -0.5, 1])
+    assert cheetah.pose("tuck")[6:9] == pytest.approx([0.3, -1.1, 2.2])
+    assert cheetah.pose(range(12)) == pytest.approx(np.arange(12.0))
+    posed = cheetah.pose({"HAA": 0.2, "FR": (0.1, -0.9, 1.8), "HL_KFE": 1.5})
+    expected = [0.2, -1, 2, 0.1, -0.9, 1.8, 0.2, -1, 1.5, 0.2, -1, 2]
+    assert posed == pytest.approx(expected)
+
+
+def test_pose_does_not_hand_out_the_robot_s_own_array(cheetah):
+    cheetah.pose("stand")[:] = 7.0
+    assert cheetah.pose("stand")[1] == -1.0
+
+
+@pytest.mark.parametrize(
+    ("pose", "error", "message"),
+    [
+        ("sit", UnknownNameError, r"robot 'mini_cheetah': no pose 'sit' - got 'sit', expected one of \['stand'"),
+        (np.zeros(11), ShapeError, r"robot 'mini_cheetah', joints: wrong size - got 11 entries, expected 12 \(FL_HAA"),
+        ({"FL": (1, 2)}, ShapeError, r"label 'FL': wrong size - got 2 entries, expected 1 or 3 \(FL_HAA, FL_HFE"),
+        ({"FX": 1.0}, UnknownNameError, r"no component 'FX' - got 'FX', expected one of"),
+        (object(), ModelError, r"joints: no joint angles - got .*, expected the name of a pose \(stand"),
+    ],
+)
+def test_pose_errors_say_what_was_got_and_expected(cheetah, pose, error, message):
+    with pytest.raises(error, match=message):
+        cheetah.pose(pose)
+
+
+def test_feet_are_found_by_roles(cheetah):
+    assert [foot.name for foot in cheetah.feet_with("front left")] == ["FL"]
+    assert [foot.name for foot in cheetah.feet_with(("right",))] == ["FR", "HR"]
+    assert len(cheetah.feet_with("")) == 4
+    with pytest.raises(UnknownNameError, match="no role 'rear' - got 'rear', expected one of"):
+        cheetah.feet_with("rear")
+    with pytest.raises(UnknownNameError, match="no foot 'RL' - got 'RL', expected one of"):
+        cheetah.foot("RL")
+
+
+def test_robots_know_their_frames(cheetah):
+    with pytest.raises(UnknownNameError, match=r"no frame 'FL_TOE' .* did you mean"):
+        cheetah.frame_id("FL_TOE")
+
+
+def test_a_urdf_file_loads_with_roles_and_poses_of_its_own(cheetah):
+    frames = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+    robot = models.load(
+        cheetah.urdf, feet=frames, foot_radius=0.02, name="mine", poses={"crouch": np.tile([0, -1, 2], 4)}
+    )
+    assert robot.name == "mine"
+    assert robot.foot_names == ("FL", "FR", "HL", "HR")
+    assert [foot.roles for foot in robot.feet] == [foot.roles for foot in cheetah.feet]
+    assert robot.pose("crouch") == pytest.approx(np.tile([0, -1, 2], 4))
+    stand = robot.pose("stand").reshape(4, 3)
+    assert np.all(stand[:, 1] < 0), "knees behind"
+    assert np.all(stand[:, 2] > 0), "knees behind"
+    assert 0.25 < robot.base_height("stand") < 0.4
+
+
+def test_loading_says_what_is_missing(cheetah, tmp_path):
+    with pytest.raises(UnknownNameError, match=r"no robot 'mini_cheta' .* did you mean 'mini_cheetah'"):
+        models.load("mini_cheta")
+    with pytest.raises(ModelError, match=r"no such file - got .*none\.urdf"):
+        models.load(tmp_path / "none.urdf")
+    with pytest.raises(ModelError, match=r"no feet - got feet=None, expected the frames .* \['FL_SHANK', 'FL_FOOT'"):
+        models.load(cheetah.urdf)
+    with pytest.raises(UnknownNameError, match="no frame 'FL_TOE'"):
+        models.load(cheetah.urdf, feet=("FL_TOE",))
+    with pytest.raises(ModelError, match=r"foot_radius is no length - got -0\.1"):
+        models.load("mini_cheetah", foot_radius=-0.1)
+
+
+def test_a_continuous_joint_is_refused_by_name(cheetah, tmp_path):
+    urdf = tmp_path / "wheels.urdf"
+    text = cheetah.urdf.read_text().replace('name="FL_KFE" type="revolute"', 'name="FL_KFE" type="continuous"')
+    urdf.write_text(text)
+    with pytest.raises(ModelError, match=r"joint 'FL_KFE': not a single angle - got JointModelRUB.*expected 1 and 1"):
+        models.load(urdf, feet=("FL_FOOT",))
+
+
+def test_the_visual_geometry_of_mini_cheetah_is_made_of_primitives(cheetah):
+    kinds = {type(item.geometry).__name__ for item in cheetah.visual.geometryObjects}
+    assert kinds == {"Box", "Cylinder", "Sphere"}
