@@ -12,13 +12,15 @@ import pytest
 CHECKOUT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*CHECKOUT.glob("*.md"), *(CHECKOUT / "docs").rglob("*.md"), *(CHECKOUT / "examples").glob("*.md")])
 CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+SHOWN = re.compile(r"^::: (\S+)$", re.MULTILINE)  # an object whose documentation is drawn in here
 LINK = re.compile(r"\[[^]]*\]\(\s*([^)\s]+)[^)]*\)")
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors of a page's headings, as GitHub and MkDocs form them."""
-    headings = re.findall(r"^#+ (.+)$", CODE.sub("", page.read_text()), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings}
+    """Return the anchors of a page: of its headings, as GitHub and MkDocs form them, and of the API it shows."""
+    text = CODE.sub("", page.read_text())
+    headings = {re.sub(r"[^\w\- ]", "", heading) for heading in re.findall(r"^#+ (.+)$", text, re.MULTILINE)}
+    return {heading.strip().lower().replace(" ", "-") for heading in headings} | set(SHOWN.findall(text))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(CHECKOUT)))
@@ -41,10 +43,13 @@ def test_python_in_pages_is_python(page: Path) -> None:
 
 
 def test_readme_shows_the_example_that_runs() -> None:
-    """The roll in README is examples/barrel_roll.py, up to its main block."""
     (block,) = re.findall(r"^```python\n(.*?)^```$", (CHECKOUT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
-    example = (CHECKOUT / "examples" / "barrel_roll.py").read_text()
-    assert block.strip() in example
+    assert block == (CHECKOUT / "examples" / "barrel_roll.py").read_text()
+
+
+def test_gallery_shows_every_example() -> None:
+    examples = {page.name for page in (CHECKOUT / "examples").iterdir() if page.suffix in (".py", ".ipynb")}
+    assert examples == set(re.findall(r"^## (\S+)$", (CHECKOUT / "examples" / "README.md").read_text(), re.MULTILINE))
 
 
 @pytest.mark.parametrize("package", ["ocp", "models", "solvers"])
@@ -53,7 +58,7 @@ def test_every_public_name_is_on_the_api_page(package: str) -> None:
     imports = (node for node in front_page.body if isinstance(node, ast.ImportFrom))
     public = {alias.asname for node in imports for alias in node.names if alias.asname}
     page = (CHECKOUT / "docs" / "api" / f"{package}.md").read_text()
-    shown = {path.rsplit(".", 1)[-1] for path in re.findall(r"^::: (\S+)$", page, re.MULTILINE)}
+    shown = {part for path in SHOWN.findall(page) for part in path.split(".")}
     assert public - shown == set()
 
 
