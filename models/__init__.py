@@ -17,6 +17,7 @@ from .quantities import feet as feet
 from .quantities import frames as frames
 from .quantities import joints as joints
 from .quantities import momentum as momentum
+from .recipes import robot_from_recipe as robot_from_recipe
 from .robot import Foot as Foot
 from .robot import Robot as Robot
 from .single_rigid_body import SingleRigidBody as SingleRigidBody

@@ -17,6 +17,7 @@ from piaffe.ocp.quantity import Quantity
 
 from .postures import XYZ, RobotState, translate
 from .quantities import base
+from .recipes import robot_recipe
 from .robot import Robot
 from .stance import Stance, stance
 
@@ -107,6 +108,12 @@ class LeggedModel(ModelBase):
     def lands(self, node: Node) -> bool:
         """Return whether a foot touches down at this phase end."""
         return bool(self.node_parameters(node).get("landing", np.zeros(1)).any())
+
+    # ---- files
+
+    def recipe(self) -> dict[str, object]:
+        """Return the kind of model, and the robot as :func:`piaffe.models.recipes.robot_recipe` stores it."""
+        return {"kind": type(self).__name__, "robot": robot_recipe(self.robot)}
 
     # ---- targets
 

@@ -96,6 +96,7 @@ def load(
         poses=_known_poses(joint_names, known),
         urdf=urdf,
         package_dirs=package_dirs,
+        recipe={"rotors": rotors, **({"load": str(name_or_urdf_path)} if known else {"urdf": urdf.read_text()})},
         **limits,
     )
     robot = with_poses(robot, poses or {})

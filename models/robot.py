@@ -59,6 +59,7 @@ class Robot:
         poses: named joint angles, each (n,) [rad]; ``"stand"`` and ``"crouch"`` at least.
         urdf: the file that it was read from, if any; the visual geometry comes from it.
         package_dirs: folders in which ``package://`` meshes are looked for.
+        recipe: how it was loaded, for files: see :mod:`piaffe.models.recipes`; empty for a robot built by hand.
     """
 
     name: str
@@ -74,6 +75,7 @@ class Robot:
     poses: Mapping[str, Array]
     urdf: Path | None = None
     package_dirs: tuple[str, ...] = field(default=(), repr=False)
+    recipe: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         _check_joints(self.name, self.model, self.joint_names)
