@@ -1,10 +1,10 @@
-# Every target sets up what it needs by itself, in .venv (make VENV=... PYTHON=... for others).
+# Every target sets up what it needs by itself, in .venv (others: make VENV=... PYTHON=...).
 #
 #   make demo    solve the barrel roll, verify, plot and film it, into results/
 #   make test    everything that is checked before a merge; ends with pytest's summary
 #   make lint    ruff, mypy, import-linter
 #   make docs    the documentation, into site/
-#   make bench   time the solver
+#   make bench   time the solver, and Crocoddyl
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -21,7 +21,7 @@ help:
 	@sed -n '/^#  /s/^# *//p' Makefile
 
 # ------------------------------------------------------------------------------------------------------ environments
-# One environment, filled as far as a target needs; a change of pyproject.toml refills it.
+# Filled as far as a target needs, and again when pyproject.toml changes.
 
 PIP_INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check
 
@@ -36,9 +36,11 @@ $(VENV)/dev.stamp: pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable '.[dev]'
 	@touch $@ $(VENV)/core.stamp
 
-$(VENV)/bench.stamp: pyproject.toml | $(BIN)/python
-	$(PIP_INSTALL) --editable '.[bench]'
-	@touch $@ $(VENV)/core.stamp
+# Crocoddyl wants its own version of pin, so benchmarks have an environment of their own.
+$(VENV)-bench/bench.stamp: pyproject.toml
+	$(PYTHON) -m venv $(VENV)-bench
+	$(VENV)-bench/bin/python -m pip install -qq --disable-pip-version-check --editable '.[bench]'
+	@touch $@
 
 # ------------------------------------------------------------------------------------------------------------ targets
 
@@ -69,8 +71,9 @@ format: $(VENV)/dev.stamp
 docs: $(VENV)/dev.stamp
 	$(BIN)/mkdocs build --strict
 
-bench: $(VENV)/bench.stamp
-	$(BIN)/python benchmarks/solve_time.py
+bench: $(VENV)-bench/bench.stamp
+	$(VENV)-bench/bin/python benchmarks/solve_time.py
+	$(VENV)-bench/bin/python benchmarks/crocoddyl_nodes.py
 
 clean:
 	rm -rf build dist site src/piaffe.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
