@@ -27,6 +27,7 @@ PIP_INSTALL := $(BIN)/python -m pip install -qq --disable-pip-version-check
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
+	@echo 'Installing into $(VENV); the first time this takes a minute or two.'
 
 $(VENV)/core.stamp: pyproject.toml | $(BIN)/python
 	$(PIP_INSTALL) --editable .
