@@ -115,12 +115,18 @@ class Robot:
     @cached_property
     def visual(self) -> pinocchio.GeometryModel | None:
         """The visual geometry, read on first use; None if there is no file, or its meshes cannot be found."""
+        return self._geometry(pinocchio.GeometryType.VISUAL)
+
+    @cached_property
+    def collision(self) -> pinocchio.GeometryModel | None:
+        """The collision geometry, likewise."""
+        return self._geometry(pinocchio.GeometryType.COLLISION)
+
+    def _geometry(self, kind: pinocchio.GeometryType) -> pinocchio.GeometryModel | None:
         if self.urdf is None:
             return None
         try:
-            return pinocchio.buildGeomFromUrdf(
-                self.model, str(self.urdf), pinocchio.GeometryType.VISUAL, package_dirs=list(self.package_dirs)
-            )
+            return pinocchio.buildGeomFromUrdf(self.model, str(self.urdf), kind, package_dirs=list(self.package_dirs))
         except (ValueError, RuntimeError):
             return None
 
