@@ -69,7 +69,7 @@ def test_every_decision_is_listed() -> None:
 
 
 def test_pages_build_without_a_warning(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}  # the theme announces its successor at every build
     done = subprocess.run(command, cwd=CHECKOUT, env=quiet, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
