@@ -84,7 +84,8 @@ def base_height(minimum: float) -> Any:
 def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
     """Keep the feet that are in the air at least ``minimum`` above the terrain [m], the landing included.
 
-    Feet on the ground are held there by the contact and are masked. A foot leaves and meets the ground at height 0, so
+    Feet on the ground are held there by the contact and are masked, as is a foot at the first two nodes after it has
+    left: its place there follows from the stance alone, integration error included. A foot leaves and meets the ground at height 0, so
     that a positive ``minimum`` can hold only in phases in which no foot does; name them in ``when``.
     """
     return inequality(
@@ -132,7 +133,7 @@ def _foot_height(s: Any) -> Any:
 
 
 def _swing(s: Any) -> Any:
-    return 1 - s.feet.contact
+    return (1 - s.feet.contact) * (1 - s.feet.lifting)
 
 
 def _joints(model: Any) -> tuple[str, ...]:

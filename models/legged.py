@@ -99,11 +99,17 @@ class LeggedModel(ModelBase):
         return np.array([float(foot.name in names) for foot in self.robot.feet])
 
     def node_parameters(self, node: Node) -> dict[str, Array]:
-        """Return the contact flags of a node, and which feet land at the phase's end."""
+        """Return the contact flags of a node, which feet land at the phase's end, and which have only just left.
+
+        A foot has just left at the first two nodes after a stance: its place there follows from the stance's last
+        state alone (position and, one explicit step later, velocity), whatever the swing does.
+        """
         contact = self.flags(node.mode)
+        fresh = node.previous_mode is not None and node.steps <= 1
+        lifting = np.maximum(self.flags(node.previous_mode) - contact, 0.0) if fresh else np.zeros(self.num_feet)
         ends = node.next_mode is not None
         landing = np.maximum(self.flags(node.next_mode) - contact, 0.0) if ends else np.zeros(self.num_feet)
-        return {"contact": contact, "landing": landing}
+        return {"contact": contact, "landing": landing, "lifting": lifting}
 
     def lands(self, node: Node) -> bool:
         """Return whether a foot touches down at this phase end."""

@@ -27,9 +27,11 @@ feet = group(
     height="m",
     contact="",
     landing="",
+    lifting="",
 )
 """The feet. ``height`` is the gap between ball and terrain; ``force`` acts on the robot, zero for feet in the air;
-``contact`` is 1 for feet on the ground, ``landing`` for feet that touch down at the phase's end."""
+``contact`` is 1 for feet on the ground, ``landing`` for feet that touch down at the phase's end,
+``lifting`` for feet at the first two nodes after they have left."""
 
 com = group("com", position=("m", "point"), velocity=("m/s", "direction"))
 """The centre of mass of the whole robot."""

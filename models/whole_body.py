@@ -70,6 +70,7 @@ class WholeBody(NumericWholeBody):
         slots = {
             "contact": np.zeros(nf),
             "landing": np.zeros(nf),
+            "lifting": np.zeros(nf),
             "terrain": 0.0,
             "foot_radius": robot.foot_radius,
             "gamma": baumgarte,
@@ -186,6 +187,7 @@ class WholeBody(NumericWholeBody):
         supply(feet.height, self.robot.foot_names, lambda: self._heights(motion, p))
         supply(feet.contact, self.robot.foot_names, lambda: p["contact"])
         supply(feet.landing, self.robot.foot_names, lambda: p["landing"])
+        supply(feet.lifting, self.robot.foot_names, lambda: p["lifting"])
         supply(com.position, XYZ, lambda: motion.centre_of_mass(body))
         supply(com.velocity, XYZ, lambda: motion.momentum(body)[0] / cs.sum1(p["link_mass"]))
         supply(momentum, XYZ, lambda: motion.momentum(body)[1])

@@ -21,7 +21,7 @@ from .checks import check_controls, check_finite, check_targets
 from .compiled import CompiledPhase, CompiledProblem
 from .lowering import LoweredMode, Lowering
 from .model import ModelBase, Node, Sample
-from .path import Path
+from .path import Interval, Path
 from .phase import Phase, ResetMap
 from .problem import Problem
 from .quantity import Quantity
@@ -140,7 +140,7 @@ class _Compilation:
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
         samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
         p = np.vstack([
-            self.pack(mode, stretch, times[k], inside[k].phase, samples[k], is_end=k == n, is_last=k == n and follower is None)
+            self.pack(mode, stretch, times[k], inside[k], samples[k], is_end=k == n, is_last=k == n and follower is None)
             for k in range(n + 1)
         ])  # fmt: skip
         stage = Batch(mode.functions["stage_w"])(p[:-1])
@@ -164,17 +164,21 @@ class _Compilation:
         except (UnknownNameError, ProblemError) as error:
             raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
 
-    def node(self, model: ModelBase, t: float, phase: Phase, end: Stretch | None, sample: Sample) -> Node:
+    def node(self, stretch: Stretch, t: float, interval: Interval, sample: Sample, *, is_end: bool) -> Node:
         """Return the context in which a model is asked its numbers."""
-        following = end.following if end is not None else None
+        model, following = stretch.segment.model, stretch.following if is_end else None
         after = self.resolve(model, following.phase) if following is not None else None
-        return Node(t, self.resolve(model, phase), after, sample)
+        earlier = self.path.interval_before(interval.start).phase if interval.start > 0 else None
+        before = self.resolve(model, earlier) if earlier is not None else None
+        steps = round((t - interval.start) / stretch.segment.dt)
+        return Node(t, self.resolve(model, interval.phase), after, sample, before, steps)
 
     def pack(
-        self, mode: LoweredMode, stretch: Stretch, t: float, phase: Phase, sample: Sample, *, is_end: bool, is_last: bool
+        self, mode: LoweredMode, stretch: Stretch, t: float, interval: Interval, sample: Sample, *, is_end: bool, is_last: bool
     ) -> Array:
         """Return the parameter row of one node."""
-        node = self.node(mode.model, t, phase, stretch if is_end else None, sample)
+        phase = interval.phase
+        node = self.node(stretch, t, interval, sample, is_end=is_end)
         values = self.model_numbers(mode.model, stretch.segment.dt, node)
         values.update(self.user_numbers(mode.parameters))
         where = {"running": True, "phase_end": is_end and stretch.ends_phase, "end": is_last}
@@ -275,7 +279,7 @@ class _Compilation:
         user = phase.reset if stretch.ends_phase else None
         where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
         lowered = _link(_Link(model, key, follower.segment.model, user, where))
-        node = self.node(model, stretch.end, phase, stretch, sample)
+        node = self.node(stretch, stretch.end, stretch.interval, sample, is_end=True)
         values = {**self.model_numbers(model, stretch.segment.dt, node), **self.user_numbers(lowered.parameters)}
         values = {name: values[name] for name in lowered.layout.slices}
         moves = user is not None or model is not follower.segment.model or model.lands(node)

@@ -147,11 +147,11 @@ class Lowering:
 
     # ---- terms
 
-    def evaluate(self, view: NodeView, index: int, function: Any) -> cs.SX:
-        """Call a user's function and return its rows as a column."""
+    def evaluate(self, view: NodeView, index: int, function: Any, *, is_mask: bool = False) -> cs.SX:
+        """Call a user's function and return its rows as a column; masks get no parameters."""
         term = self.terms[index]
         numbers = {}
-        for name, value in term.parameters.items():
+        for name, value in () if is_mask else term.parameters.items():
             slot = f"term{index}.{name}"
             numbers[name] = self.slots[slot] if slot in self.slots else self.own(slot, value.size)
         result = function(view, **numbers)
@@ -178,7 +178,7 @@ class Lowering:
             labels = tuple(str(i) for i in range(rows.numel())) if rows.numel() > 1 else (cost.name,)
             mask = None
         if cost.mask is not None:
-            extra = self.stretch(self.evaluate(view, index, cost.mask), rows.numel(), f"term '{cost.name}' ({cost.source})")
+            extra = self.stretch(self.evaluate(view, index, cost.mask, is_mask=True), rows.numel(), f"term '{cost.name}' ({cost.source})")
             mask = extra if mask is None else mask * extra
         weight = self.own(f"term{index}.weight", rows.numel())
         unit = cost.unit or (str(cost.quantity.unit) if cost.quantity else "")
@@ -212,7 +212,7 @@ class Lowering:
             raise ShapeError(f"{where}: labels do not match the rows - got {len(labels)}, expected {n}; give one per row")
         mask = cs.SX.ones(n) * self.own(f"term{index}.active", 1)
         if constraint.mask is not None:
-            mask = mask * self.stretch(self.evaluate(view, index, constraint.mask), n, where)
+            mask = mask * self.stretch(self.evaluate(view, index, constraint.mask, is_mask=True), n, where)
         unit, scale = constraint.unit, constraint.scale
         if constraint.kind == "equality":
             return _Piece(value / scale, None, mask, tuple(Row(index, x, unit, scale) for x in labels))

@@ -48,12 +48,16 @@ class Node:
         mode: the phase's mode as the model resolved it; on a boundary the later one, unless the node ends the phase.
         next_mode: at the end of a motion phase the mode that follows, else None.
         sample: the reference at this time.
+        previous_mode: the mode of the motion phase before, None in the first.
+        steps: stages since the motion phase began.
     """
 
     time: float
     mode: Hashable
     next_mode: Hashable | None
     sample: Sample
+    previous_mode: Hashable | None = None
+    steps: int = 0
 
 
 class Quantities:

@@ -16,7 +16,7 @@ from . import accounts, barrier
 from .iterate import Evaluator, Iterate, PhaseDual, PhaseValues, penalty_cost, running_cost
 from .options import Options
 from .record import Record
-from .riccati import Direction, LqPhase, Sweep, backward, roll_out
+from .riccati import Direction, LqPhase, Sweep, backward, close_defects, roll_out
 from .solution import PhaseSolution, Solution
 from .status import Status
 
@@ -263,21 +263,28 @@ class Run:
         before = self.augmented(self.current) + self.rho * gap
         size = 1.0
         while size >= o.min_step:
-            trial = self.trial(direction, size)
+            trial = self.trial(self.current.iterate, direction.dx, direction.du, size)
             expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap
-            merit = self.augmented(trial) + self.rho * trial.gap
-            if np.isfinite(merit) and merit <= before + o.armijo * expected + 1e-12 * abs(before):
-                self.current = trial
-                return size
+            bound = before + o.armijo * expected + 1e-12 * abs(before)
+            for _ in range(o.corrections + 1):
+                merit = self.augmented(trial) + self.rho * trial.gap
+                if not np.isfinite(merit):
+                    break
+                if merit <= bound:
+                    self.current = trial
+                    return size
+                if trial.gap < (1 - size) * gap + 0.1 * size * gap:
+                    break
+                trial = self.trial(trial.iterate, *close_defects(self.models, self.sweeps, trial.defects), 1.0)
             size *= o.step_shrink
         return 0.0
 
-    def trial(self, direction: Direction, size: float) -> Evaluated:
-        """Return the iterate a step along the direction."""
+    def trial(self, start: Iterate, dx: list[Array], du: list[Array], size: float) -> Evaluated:
+        """Return the iterate a step away."""
         states, controls = [], []
         for i, phase in enumerate(self.problem.phases):
-            states.append(phase.mode.state.np_plus(self.current.iterate.states[i], size * direction.dx[i]))
-            controls.append(self.current.iterate.controls[i] + size * direction.du[i])
+            states.append(phase.mode.state.np_plus(start.states[i], size * dx[i]))
+            controls.append(start.controls[i] + size * du[i])
         return self.evaluate(Iterate(states, controls))
 
     def adapt(self, size: float) -> None:

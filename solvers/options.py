@@ -43,13 +43,14 @@ class Options:
     barrier_factor: float = 0.3
     barrier_gap: float = 1e-3
     relaxation: float = 0.1
-    penalty: float = 20.0
+    penalty: float = 200.0
     penalty_factor: float = 5.0
     max_penalty: float = 1e6
     armijo: float = 0.1
     merit_margin: float = 0.1
-    merit_offset: float = 1.0
-    max_inner: int = 20
+    merit_offset: float = 0.1
+    max_inner: int = 8
+    corrections: int = 1
     step_shrink: float = 0.5
     min_step: float = 1e-3
     regularization: float = 1e-6

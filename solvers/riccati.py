@@ -138,3 +138,22 @@ def roll_out(phases: list[LqPhase], sweeps: list[Sweep]) -> Direction:
             following = phases[len(dxs)]
             first = phase.P @ dx[n] + following.d[0]
     return Direction(dxs, dus, dV1, dV2)
+
+
+def close_defects(phases: list[LqPhase], sweeps: list[Sweep], defects: list[Array]) -> tuple[list[Array], list[Array]]:
+    """Return the step that closes given defects through the linear model under the feedback alone: a second-order
+    correction of a trial step whose defects grew with its curvature.
+    """
+    dxs, dus, first = [], [], defects[0][0]
+    for i, (phase, sweep, defect) in enumerate(zip(phases, sweeps, defects, strict=True)):
+        n, ndx, nu = phase.B.shape
+        dx, du = np.zeros((n + 1, ndx)), np.zeros((n, nu))
+        dx[0] = first
+        for k in range(n):
+            du[k] = sweep.feedback[k] @ dx[k]
+            dx[k + 1] = phase.A[k] @ dx[k] + phase.B[k] @ du[k] + defect[k + 1]
+        dxs.append(dx)
+        dus.append(du)
+        if phase.P is not None:
+            first = phase.P @ dx[n] + defects[i + 1][0]
+    return dxs, dus
