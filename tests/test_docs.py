@@ -3,11 +3,14 @@
 import ast
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from piaffe import ocp
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*CHECKOUT.glob("*.md"), *(CHECKOUT / "docs").rglob("*.md"), *(CHECKOUT / "examples").glob("*.md")])
@@ -40,6 +43,15 @@ def test_links_lead_somewhere(page: Path) -> None:
 def test_python_in_pages_is_python(page: Path) -> None:
     for block in re.findall(r"^```python\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL):
         ast.parse(block)
+
+
+@pytest.mark.parametrize(("page", "landmark"), [("quickstart.md", "hop = "), ("authoring.md", "def fall")])
+def test_declaration_in_page_compiles(page: str, landmark: str, tmp_path: Path) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```$", (CHECKOUT / "docs" / page).read_text(), re.MULTILINE | re.DOTALL)
+    (block,) = (block for block in blocks if landmark in block)
+    file = tmp_path / "declaration.py"
+    file.write_text(block if "import" in block else f"from piaffe import ocp\n{block}")
+    assert ocp.compile_problem(runpy.run_path(str(file))["problem"]).phases
 
 
 def test_readme_shows_the_example_that_runs() -> None:
