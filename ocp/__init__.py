@@ -4,6 +4,8 @@ from .batch import Batch as Batch
 from .compile import compile_problem as compile_problem
 from .compiled import CompiledPhase as CompiledPhase
 from .compiled import CompiledProblem as CompiledProblem
+from .derivative_check import Finding as Finding
+from .derivative_check import check_derivatives as check_derivatives
 from .describe import describe as describe
 from .manifold import Block as Block
 from .manifold import Manifold as Manifold
@@ -47,3 +49,6 @@ from .termset import Constraints as Constraints
 from .termset import Objective as Objective
 from .trajectory import PhaseTrajectory as PhaseTrajectory
 from .trajectory import Trajectory as Trajectory
+from .verification import Miss as Miss
+from .verification import Verification as Verification
+from .verification import verify as verify
