@@ -123,8 +123,8 @@ def check_fits(compiled: CompiledProblem, trajectory: Trajectory) -> None:
     for i, (one, other) in enumerate(zip(expected, got, strict=False)):
         if one != other:
             raise ProblemError(
-                f"trajectory, phase {i}: is not of this problem - got (name, stages, nx, nu) = {other}, expected {one}; "
-                "pass the problem that it was solved for"
+                f"trajectory, phase {i}: is not of this problem - got (name, stages, nx, nu) = {other}, expected "
+                f"{one}; pass the problem that it was solved for"
             )
     if len(expected) != len(got):
         raise ProblemError(

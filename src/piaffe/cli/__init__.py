@@ -1,0 +1,3 @@
+"""The command line: ``piaffe COMMAND``."""
+
+from .app import main as main

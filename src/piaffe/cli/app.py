@@ -1,0 +1,182 @@
+"""The commands: arguments in, text out; the work is done elsewhere and imported when it is needed."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from piaffe import __version__
+from piaffe.errors import PiaffeError
+
+from .loading import load_problem
+from .reports import terminal
+
+FAILED, REFUSED = 1, 2  # exit codes: the result is not what was hoped for; the command could not do what was asked
+
+File = Annotated[
+    str, typer.Argument(metavar="FILE[:name]", help="Python file with `problem`, or another name after a colon.")
+]
+Saved = Annotated[Path, typer.Argument(metavar="R.npz", help="A saved solution.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")]
+
+app = typer.Typer(
+    name="piaffe",
+    help="Declare a legged motion once; describe, solve, verify, plot and film it.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command and return its exit code; errors of Piaffe's own become one line on standard error."""
+    given = sys.argv[1:] if arguments is None else arguments
+    show = "--traceback" in given or bool(os.environ.get("PIAFFE_TRACEBACK"))
+    try:
+        code = app([a for a in given if a != "--traceback"], prog_name="piaffe", standalone_mode=True)
+    except SystemExit as end:
+        return int(end.code or 0) if isinstance(end.code, int | None) else FAILED
+    except PiaffeError as error:
+        if show:
+            raise
+        terminal(stderr=True).print(f"[bold red]error:[/] {_plain(str(error))}", soft_wrap=True)
+        return REFUSED
+    return int(code or 0)
+
+
+def _plain(text: str) -> str:
+    """Return text in which brackets are no markup."""
+    return text.replace("[", r"\[")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print(f"piaffe {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+    traceback: Annotated[bool, typer.Option("--traceback", help="Show where an error came from.")] = False,
+) -> None:
+    """Declare a legged motion once; describe, solve, verify, plot and film it."""
+
+
+@app.command()
+def describe(file: File) -> None:
+    """Print the compiled phases, what bound where, what did not and why, and warnings."""
+    from piaffe.ocp import compile_problem
+    from piaffe.ocp.describe import describe as text
+
+    print(text(compile_problem(load_problem(file))))
+
+
+@app.command()
+def solve(
+    file: File,
+    save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the solution, converged or not.")] = None,
+    json: Json = False,
+    max_iterations: Annotated[int | None, typer.Option(min=1, help="Stop after so many iterations.")] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Stop after so many seconds.")] = None,
+    warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Begin from a saved solution.")] = None,
+) -> None:
+    """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
+    from piaffe.solvers import MSiLQR, Options, Solution
+    from piaffe.solvers.progress import LiveTable
+
+    from .reports import as_json, print_solution, solution_values
+
+    problem = load_problem(file)
+    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit_s": time_limit}
+    settings = replace(Options(), **{key: value for key, value in given.items() if value is not None})
+    start = None if warm_start is None else Solution.load(warm_start)
+    began = time.perf_counter()
+    solver = MSiLQR(problem, settings)
+    if json:
+        solution = solver.solve(start)
+    else:
+        with LiveTable(settings) as table:
+            solution = solver.solve(start, progress=table)
+    wall_s = time.perf_counter() - began
+    saved = None if save is None else solution.save(save)
+    if json:
+        print(as_json(solution_values(solution, wall_s)))
+    else:
+        print_solution(terminal(), solution, wall_s)
+        if saved is not None:
+            print(f"saved {saved}")
+    raise typer.Exit(0 if solution.converged else FAILED)
+
+
+@app.command()
+def verify(solution: Saved, file: File, json: Json = False) -> None:
+    """Recompute every defect, equality and inequality without the solver. Exit code 1 if some bound is missed."""
+    from piaffe.ocp import compile_problem
+    from piaffe.ocp import verify as recompute
+    from piaffe.solvers import Solution  # to read the file; nothing of the solver is run
+
+    from .reports import as_json, print_verification, verification_values
+
+    trajectory = Solution.load(solution).trajectory
+    compiled = compile_problem(load_problem(file), checks=False)
+    result = recompute(compiled, trajectory)
+    values = verification_values(compiled, trajectory, result)
+    if json:
+        print(as_json(values))
+    else:
+        print_verification(terminal(), result, values)
+    raise typer.Exit(0 if result.holds else FAILED)
+
+
+@app.command()
+def check(
+    file: File,
+    points: Annotated[
+        int, typer.Option(min=1, help="Nodes of the initial guess per mode, and as many random states.")
+    ] = 3,
+    seed: Annotated[int, typer.Option(help="Seed of the random states.")] = 0,
+) -> None:
+    """Compare every derivative with finite differences, scan the initial guess for NaN, report units and sizes."""
+    from piaffe.ocp import check_derivatives, compile_problem
+    from piaffe.ocp.checks import check_controls, check_finite
+    from piaffe.ocp.dimensions import report
+
+    from .reports import print_derivatives, print_dimensions
+
+    console = terminal()
+    compiled = compile_problem(load_problem(file), checks=False)
+    failures = 0
+    scans: tuple[Callable[[Any], None], ...] = (check_finite, check_controls)
+    for scan in scans:
+        try:
+            scan(compiled)
+        except PiaffeError as error:
+            failures += 1
+            console.print(f"[bold red]error:[/] {_plain(str(error))}", soft_wrap=True)
+    findings = check_derivatives(compiled, points=points, seed=seed)
+    failures += sum(not finding.agrees for finding in findings)
+    print_derivatives(console, findings)
+    console.print()
+    print_dimensions(console, *report(compiled))
+    for model in dict.fromkeys(phase.mode.model for phase in compiled.phases):
+        for notice in model.notices(compiled.path):
+            console.print(
+                f"[bold yellow]warning:[/] {_plain(notice.where)}: {_plain(notice.text)}",
+                highlight=False,
+                soft_wrap=True,
+            )
+    agreed = sum(finding.agrees for finding in findings)
+    colour = "red" if failures else "green"
+    console.print(f"[bold {colour}]{agreed} of {len(findings)} blocks of derivatives agree[/]")
+    raise typer.Exit(FAILED if failures else 0)

@@ -1,0 +1,181 @@
+"""What commands print: summaries, verifications and checks, for people and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from piaffe.ocp import CompiledProblem, Finding, Trajectory, Verification
+    from piaffe.ocp.dimensions import ConstraintReport, CostReport
+    from piaffe.ocp.verification import Kind
+    from piaffe.solvers import Solution
+
+KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality")
+_LOG_WIDTH = 150
+
+
+def terminal(*, stderr: bool = False) -> Console:
+    """Return where to print: as wide as the terminal, or wide enough for tables in a log."""
+    console = Console(stderr=stderr, highlight=False)
+    return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=_LOG_WIDTH)
+
+
+def as_json(values: dict[str, Any]) -> str:
+    """Return an object as one line of JSON; numbers that are not finite become null."""
+
+    def clean(value: Any) -> Any:
+        if isinstance(value, float) and not math.isfinite(value):
+            return None
+        if isinstance(value, dict):
+            return {key: clean(entry) for key, entry in value.items()}
+        return [clean(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+    return json.dumps(clean(values))
+
+
+# ---- solve
+
+
+def solution_values(solution: Solution, wall_s: float) -> dict[str, Any]:
+    """Return what ``solve --json`` prints.
+
+    Args:
+        solution: the result.
+        wall_s: time from the problem loaded to the result in hand [s].
+    """
+    return {
+        "status": solution.status.name, "converged": solution.converged, "iterations": solution.iterations,
+        "cost": solution.cost, "max_defect": solution.max_defect, "max_equality": solution.max_equality,
+        "max_inequality": solution.max_inequality, "wall_s": wall_s, "compile_s": solution.compile_s,
+        "solve_s": solution.wall_s, "advice": solution.status.advice, "term_costs": dict(solution.term_costs),
+    }  # fmt: skip
+
+
+def print_solution(console: Console, solution: Solution, wall_s: float) -> None:
+    """Print a summary: how it ended, what each term cost, what each constraint missed."""
+    colour = "green" if solution.converged else "red"
+    console.print(f"[bold {colour}]{solution.status.name}[/] {solution.status.advice.partition(': ')[2]}")
+    console.print(
+        f"{solution.iterations} iterations in {solution.wall_s:.2f} s, compiled in {solution.compile_s:.2f} s, "
+        f"{wall_s:.2f} s in all; cost {solution.cost:.6g}",
+    )
+    table = _table("term", ">cost", ">share")
+    total = sum(solution.term_costs.values()) or 1.0
+    for name, cost in sorted(solution.term_costs.items(), key=lambda item: -item[1]):
+        table.add_row(name, f"{cost:.5g}", f"{100 * cost / total:.1f} %")
+    console.print(table)
+    table = _table("constraint", "kind", ">worst", "unit", "where")
+    for miss in solution.violations:
+        met = miss.amount <= 1e-3
+        amount = f"{miss.amount:.1e}" if met else f"[red]{miss.amount:.2e}[/]"
+        table.add_row(
+            miss.name, miss.kind, amount, miss.unit, f"{miss.phase}, node {miss.node}" if miss.amount > 0 else ""
+        )
+    console.print(table)
+    if not solution.converged:
+        console.print(solution.explain())
+
+
+# ---- verify
+
+
+def verification_values(compiled: CompiledProblem, trajectory: Trajectory, result: Verification) -> dict[str, Any]:
+    """Return what ``verify --json`` prints."""
+    from piaffe.models import measures
+
+    turns = measures.turns(trajectory)
+    worst = result.worst()
+    return {
+        "verified": result.holds, "max_defect": result.max_defect, "max_equality": result.max_equality,
+        "max_inequality": result.max_inequality, "turns_rad": None if turns is None else turns.tolist(),
+        "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
+        "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
+        "duration_s": trajectory.duration, "worst": asdict(worst) if worst else None,
+        **{f"worst_{kind}": asdict(miss) if (miss := result.worst(kind)) else None for kind in KINDS},
+    }  # fmt: skip
+
+
+def print_verification(console: Console, result: Verification, values: dict[str, Any]) -> None:
+    """Print a verification: the worst row of each kind against its bound, and what the motion amounts to."""
+    from piaffe.ocp.verification import BOUNDS
+
+    table = _table("kind", ">worst", ">bound", "row", "phase", ">node", "unit", "declared")
+    for kind in KINDS:
+        miss = result.worst(kind)
+        if miss is not None:
+            colour = "green" if miss.ratio <= 1 else "red"
+            table.add_row(
+                kind, f"[{colour}]{miss.amount:.2e}[/]", f"{BOUNDS[kind]:.0e}", miss.name, miss.phase, str(miss.node),
+                miss.unit, miss.source,
+            )  # fmt: skip
+    console.print(table)
+    if values["turns_rad"] is not None:
+        x, y, z = values["turns_rad"]
+        console.print(
+            f"turned {x:.3f}, {y:.3f}, {z:.3f} rad about its own x, y, z; apex {values['apex_m']:.3f} m",
+            highlight=False,
+        )
+    if values["min_foot_z_m"] is not None:
+        console.print(f"lowest foot {values['min_foot_z_m']:+.4f} m above the terrain")
+    console.print("[bold green]verified[/]" if result.holds else "[bold red]not within the bounds[/]")
+
+
+# ---- check
+
+
+def print_derivatives(console: Console, findings: list[Finding]) -> None:
+    """Print how the derivatives agree: one line per mode or reset, then what does not agree."""
+    table = _table("derivatives of", ">blocks", ">largest error", ">trusted to", ">order", "at")
+    for where in dict.fromkeys(finding.where for finding in findings):
+        own = [finding for finding in findings if finding.where == where]
+        worst = max(own, key=lambda f: (not f.agrees, f.error / f.allowed if f.allowed else 0.0))
+        rates = [finding.rate for finding in own if finding.rate is not None]
+        table.add_row(
+            where, str(len(own)), f"{worst.error:.1e}", f"{worst.allowed:.1e}",
+            f"{min(rates):.2f}" if rates else "exact", f"{worst.row} by {worst.by}",
+        )  # fmt: skip
+    console.print(table)
+    for finding in findings:
+        if finding.agrees:
+            continue
+        what = "is not smooth here" if not finding.smooth else "disagrees with differences"
+        source = f" ({finding.source})" if finding.source else ""
+        console.print(
+            f"[red]{finding.term}{source}[/]: {finding.output} by {finding.by} {what} at '{finding.row}' - got an error "
+            f"of {finding.error:.2e}, expected at most {finding.allowed:.2e}; {finding.where}",
+        )
+
+
+def print_dimensions(console: Console, costs: list[CostReport], constraints: list[ConstraintReport]) -> None:
+    """Print every term in numbers at the initial guess."""
+    table = _table("cost", "at", ">rows", "unit", ">weights", "weight unit", ">largest residual", ">cost at the guess")
+    for cost in costs:
+        low, high = cost.weights
+        weights = "0" if high == 0 else f"{low:.3g}" if low == high else f"{low:.3g} … {high:.3g}"
+        table.add_row(
+            cost.name, cost.at, str(cost.rows), cost.unit or "-", weights, cost.weight_unit, f"{cost.largest:.3g}",
+            f"{cost.cost:.4g}",
+        )  # fmt: skip
+    console.print(table)
+    if constraints:
+        table = _table("constraint", "kind", ">rows", "unit", ">scale", ">rows x nodes", ">missed", ">by at most")
+        for row in constraints:
+            table.add_row(
+                row.name, row.kind, str(row.rows), row.unit or "-", f"{row.scale:g}", str(row.counted), str(row.missed),
+                f"{row.worst:.3g}",
+            )  # fmt: skip
+        console.print(table)
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for column in columns:
+        right = column.startswith(">")
+        table.add_column(column.removeprefix(">"), justify="right" if right else "left", no_wrap=right)
+    return table
