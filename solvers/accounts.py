@@ -33,8 +33,8 @@ def term_costs(problem: CompiledProblem, values: list[PhaseValues]) -> dict[str,
 
 def inequality_multipliers(value: PhaseValues, dual: PhaseDual, weight: float) -> tuple[Array, Array]:
     """Return λ = −ε β'(g) of stages (as a rate) and of the last node."""
-    stages = -weight * barrier.slope(value.g, dual.relaxation)
-    return stages, -weight * barrier.slope(value.end_g, dual.end_relaxation)
+    stages = -weight * barrier.slope(value.g - dual.shift, dual.relaxation)
+    return stages, -weight * barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation)
 
 
 def violations(

@@ -3,7 +3,8 @@
     β(g) = −ln g                                  for g > δ
          = ½ [((g − 2δ)/δ)² − 1] − ln δ           otherwise
 
-It enters the cost as ε β. At a row with multiplier λ the minimiser has g ≥ 0 if and only if δ ≤ 2 ε/λ.
+It enters the cost as ε β(g − s). At a row with multiplier λ and no shift s the minimiser has g ≥ 0 if and only if
+δ ≤ 2 ε/λ; the shift carries what a larger multiplier needs.
 """
 
 from __future__ import annotations
@@ -34,13 +35,22 @@ def curvature(g: Array, relaxation: Array) -> Array:
     return 1 / np.maximum(g, relaxation) ** 2
 
 
-def shrink(relaxation: Array, g: Array, mask: Array, slack: float, factor: float, floor: float) -> Array:
-    """Return smaller relaxations for the rows that are violated by more than ``slack``.
+def shrink(relaxation: Array, g: Array, mask: Array, slack: float, floor: float) -> Array:
+    """Return smaller relaxations for the rows that are violated by more than ``slack``, none below ``floor``.
 
     A row in the quadratic part pushes with λ = ε (2δ − g)/δ²; to push as hard at g = 0 it needs δ' = 2 ε/λ =
-    2 δ²/(2δ − g). Rows that are met, or nearly, keep theirs: a foot that has just left the ground has g = 0 by
-    geometry, and no relaxation could change that.
+    2 δ²/(2δ − g). A shrink is to between a third and 0.7, because the multiplier is only an estimate.
     """
-    needed = 2 * relaxation**2 / np.maximum(2 * relaxation - g, relaxation)
+    needed = np.clip(2 * relaxation**2 / np.maximum(2 * relaxation - g, relaxation), relaxation / 3, 0.7 * relaxation)
     violated = (g < -slack) & (mask > 0)
-    return np.where(violated, np.clip(factor * needed, floor, relaxation), relaxation)
+    return np.where(violated, np.clip(needed, np.minimum(floor, relaxation), relaxation), relaxation)
+
+
+def recentre(shift: Array, g: Array, mask: Array, slack: float) -> Array:
+    """Return shifts s with which the barrier of g − s pushes at g = 0 as it pushes now: s' = max(0, s − g).
+
+    This is the multiplier step of an augmented Lagrangian. It takes over where a smaller δ would only make the problem
+    stiff: rows whose multiplier λ exceeds 2 ε/δ at the smallest δ.
+    """
+    concerned = ((g < -slack) | (shift > 0)) & (mask > 0)
+    return np.where(concerned, np.maximum(shift - g, 0.0), shift)

@@ -49,10 +49,12 @@ class PhaseValues:
 
 @dataclass(eq=False)
 class PhaseDual:
-    """Relaxations δ of one phase's inequalities; multipliers λ and penalties σ of its equalities."""
+    """Relaxations δ and shifts s of one phase's inequalities; multipliers λ and penalties σ of its equalities."""
 
     relaxation: Array
     end_relaxation: Array
+    shift: Array
+    end_shift: Array
     multiplier: Array
     penalty: Array
     end_multiplier: Array
@@ -142,12 +144,12 @@ class Evaluator:
         rows = np.concatenate([res_w, g_w, h_w], axis=1)
         slopes = np.concatenate([
             dt * phase.weight * value.residual,
-            dt * weight * phase.g_mask * barrier.slope(value.g, dual.relaxation),
+            dt * weight * phase.g_mask * barrier.slope(value.g - dual.shift, dual.relaxation),
             stage_h * (dual.penalty * value.h + dual.multiplier),
         ], axis=1)  # fmt: skip
         curvatures = np.concatenate([
             dt * phase.weight,
-            dt * weight * phase.g_mask * barrier.curvature(value.g, dual.relaxation),
+            dt * weight * phase.g_mask * barrier.curvature(value.g - dual.shift, dual.relaxation),
             stage_h * dual.penalty,
         ], axis=1)  # fmt: skip
         gradient = np.einsum("nr,nrw->nw", slopes, rows)
@@ -155,12 +157,12 @@ class Evaluator:
         end_rows = [a[0] for a in self.call(f["terminal_d"], x[-1:], phase.p_end[None])]
         end_slopes = [
             phase.end_weight * value.end_residual,
-            dt * weight * phase.end_g_mask * barrier.slope(value.end_g, dual.end_relaxation),
+            dt * weight * phase.end_g_mask * barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation),
             phase.end_h_mask * (dual.end_penalty * value.end_h + dual.end_multiplier),
         ]
         end_curvatures = [
             phase.end_weight,
-            dt * weight * phase.end_g_mask * barrier.curvature(value.end_g, dual.end_relaxation),
+            dt * weight * phase.end_g_mask * barrier.curvature(value.end_g - dual.end_shift, dual.end_relaxation),
             phase.end_h_mask * dual.end_penalty,
         ]
         return LqPhase(
@@ -195,8 +197,8 @@ def running_cost(phase: CompiledPhase, value: PhaseValues) -> float:
 def penalty_cost(phase: CompiledPhase, value: PhaseValues, dual: PhaseDual, weight: float) -> float:
     """Return the barrier and augmented-Lagrangian cost of a phase."""
     dt = phase.dt
-    total = dt * weight * np.sum(phase.g_mask * barrier.value(value.g, dual.relaxation))
-    total += dt * weight * np.sum(phase.end_g_mask * barrier.value(value.end_g, dual.end_relaxation))
+    total = dt * weight * np.sum(phase.g_mask * barrier.value(value.g - dual.shift, dual.relaxation))
+    total += dt * weight * np.sum(phase.end_g_mask * barrier.value(value.end_g - dual.end_shift, dual.end_relaxation))
     total += dt * np.sum(phase.h_mask * (0.5 * dual.penalty * value.h**2 + dual.multiplier * value.h))
     end = 0.5 * dual.end_penalty * value.end_h**2 + dual.end_multiplier * value.end_h
     return float(total + np.sum(phase.end_h_mask * end))

@@ -124,6 +124,7 @@ class Run:
         phase, o = self.problem.phases[i], self.o
         return PhaseDual(
             relaxation=np.full(phase.g_mask.shape, o.relaxation), end_relaxation=np.full(phase.end_g_mask.shape, o.relaxation),
+            shift=np.zeros(phase.g_mask.shape), end_shift=np.zeros(phase.end_g_mask.shape),
             multiplier=np.zeros(phase.h_mask.shape), penalty=np.full(phase.h_mask.shape, o.penalty),
             end_multiplier=np.zeros(phase.end_h_mask.shape), end_penalty=np.full(phase.end_h_mask.shape, o.penalty),
         )  # fmt: skip
@@ -223,9 +224,13 @@ class Run:
         if self.barrier_gap() > self.o.barrier_gap * (1 + abs(self.current.cost)):
             self.weight *= self.o.barrier_factor
         for v, d, p in zip(self.current.values, self.duals, self.problem.phases, strict=True):
-            how = (0.25 * self.o.max_inequality, 0.7, 1e-6)
-            d.relaxation = barrier.shrink(d.relaxation, v.g, p.g_mask, *how)
-            d.end_relaxation = barrier.shrink(d.end_relaxation, v.end_g, p.end_g_mask, *how)
+            slack, floor = 0.25 * self.o.max_inequality, float(np.sqrt(self.weight / self.o.max_stiffness))
+            d.shift = np.where(d.relaxation <= 1.01 * floor, barrier.recentre(d.shift, v.g, p.g_mask, slack), d.shift)
+            d.end_shift = np.where(
+                d.end_relaxation <= 1.01 * floor, barrier.recentre(d.end_shift, v.end_g, p.end_g_mask, slack), d.end_shift
+            )
+            d.relaxation = barrier.shrink(d.relaxation, v.g, p.g_mask, slack, floor)
+            d.end_relaxation = barrier.shrink(d.end_relaxation, v.end_g, p.end_g_mask, slack, floor)
 
     def update_multipliers(self, equality: float) -> None:
         """Move λ by σ h; raise σ where the violation has not shrunk."""
@@ -309,6 +314,7 @@ class Run:
             dual.multiplier, dual.end_multiplier = stored["equality"].copy(), stored["end_equality"].copy()
             dual.penalty, dual.end_penalty = stored["penalty"].copy(), stored["end_penalty"].copy()
             dual.relaxation, dual.end_relaxation = stored["relaxation"].copy(), stored["end_relaxation"].copy()
+            dual.shift, dual.end_shift = stored["shift"].copy(), stored["end_shift"].copy()
 
     def solution(self, status: Status, wall_s: float) -> Solution:
         """Return the current iterate as a solution."""
@@ -326,6 +332,7 @@ class Run:
             multipliers = {
                 "equality": dual.multiplier, "end_equality": dual.end_multiplier, "penalty": dual.penalty,
                 "end_penalty": dual.end_penalty, "relaxation": dual.relaxation, "end_relaxation": dual.end_relaxation,
+                "shift": dual.shift, "end_shift": dual.end_shift,
                 "inequality": push * phase.g_mask, "end_inequality": end_push * phase.end_g_mask,
             }  # fmt: skip
             sweep = sweeps[i] if sweeps is not None else blank(models[i])

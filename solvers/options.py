@@ -43,6 +43,7 @@ class Options:
     barrier_factor: float = 0.3
     barrier_gap: float = 1e-3
     relaxation: float = 0.1
+    max_stiffness: float = 1e5
     penalty: float = 200.0
     penalty_factor: float = 5.0
     max_penalty: float = 1e6
