@@ -7,6 +7,8 @@ from .constraints import friction_cone as friction_cone
 from .constraints import joint_limits as joint_limits
 from .constraints import joint_speed_limits as joint_speed_limits
 from .constraints import torque_limits as torque_limits
+from .doctor import diagnose as diagnose
+from .doctor_urdf import Finding as Finding
 from .kinematics import Kinematics as Kinematics
 from .loaders import load as load
 from .mujoco_scene import mujoco_model as mujoco_model

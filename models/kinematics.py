@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 _ITERATIONS = 60
 _TOLERANCE = 1e-10  # [m]
+_TRIES = 100  # starts of a standing pose
 # Damping (Sugihara): half the squared error, so that steps are small far from the target, plus a floor
 _FLOOR = 1e-9  # [m^2]
 
@@ -189,16 +190,18 @@ class Kinematics:
         for legs in self.groups:
             roots[legs.feet] = legs.offset[:, 0, 2]
         targets[:, 2] = roots - extension * np.max(roots - places[:, :, 2].min(axis=0))
-        joints = np.zeros(self.robot.num_joints)
+        start = np.zeros((_TRIES, self.robot.num_joints))
         for legs in self.groups:
             for m, foot in enumerate(legs.feet):
-                near = np.argsort(np.linalg.norm(places[:, foot] - targets[foot], axis=-1))[:200]
-                tried, miss = self.inverse(np.broadcast_to(targets, (len(near), *targets.shape)), samples[near])
-                angles = tried[:, legs.joints[m]]
-                knee = legs.walk(tried[:, legs.joints])[1][:, m, -1, 0]
-                ahead = knee > targets[foot, 0]
-                best = np.argmin(np.linalg.norm(angles, axis=-1) + 10 * ahead + 100 * (miss[:, foot] > 1e-6))
-                joints[legs.joints[m]] = angles[best]
+                near = np.argsort(np.linalg.norm(places[:, foot] - targets[foot], axis=-1))[:_TRIES]
+                start[:, legs.joints[m]] = samples[near][:, legs.joints[m]]
+        tried, miss = self.inverse(np.broadcast_to(targets, (_TRIES, *targets.shape)), start)
+        joints = np.zeros(self.robot.num_joints)
+        for legs in self.groups:
+            angles = tried[:, legs.joints]
+            ahead = legs.walk(angles)[1][..., -1, 0] > targets[legs.feet, 0]  # the knee before the foot
+            cost = np.linalg.norm(angles, axis=-1) + 10 * ahead + 100 * (miss[:, legs.feet] > 1e-6)
+            joints[legs.joints] = angles[np.argmin(cost, axis=0), np.arange(len(legs.feet))]
         return joints
 
     def _inverse(self, legs: Legs, target: Array, angles: Array) -> tuple[Array, Array]:

@@ -68,14 +68,14 @@ def load(
         name: the robot's name; by default the known name or that in the file.
     """
     known = _KNOWN.get(str(name_or_urdf_path))
-    urdf, package_dirs = _locate(name_or_urdf_path, known)
+    urdf, package_dirs = locate(name_or_urdf_path)
     model = build_model(urdf)
     model.name = name or (str(name_or_urdf_path) if known else model.name)
     joint_names = tuple(model.names[ROOT + 1 :])
     if feet is None and known is None:
         raise ModelError(
             f"robot '{model.name}': no feet - got feet=None, expected the frames of the feet of '{urdf}'; give "
-            f"feet=(...) out of {_leaf_frames(model)}"
+            f"feet=(...) out of {leaf_frames(model)}"
         )
     if feet is None and known is not None:
         feet = [
@@ -131,8 +131,9 @@ def with_poses(robot: Robot, poses: Mapping[str, object]) -> Robot:
 # ---- the parts of load
 
 
-def _locate(name_or_path: str | Path, known: _Known | None) -> tuple[Path, tuple[str, ...]]:
-    """Return the URDF file and the folders of its meshes."""
+def locate(name_or_path: str | Path) -> tuple[Path, tuple[str, ...]]:
+    """Return the URDF file of a robot, by name or path, and the folders of its meshes."""
+    known = _KNOWN.get(str(name_or_path))
     if known is None:
         path = Path(name_or_path)
         if path.suffix == ".urdf":
@@ -159,9 +160,7 @@ def _feet(model: pinocchio.Model, feet: Sequence[str] | Sequence[Foot] | Mapping
     made = [frame if isinstance(frame, Foot) else Foot(_short(label), frame) for label, frame in pairs]
     for foot in made:
         if not model.existFrame(foot.frame):
-            raise UnknownNameError(
-                f"robot '{model.name}', foot '{foot.name}'", "frame", foot.frame, _leaf_frames(model)
-            )
+            raise UnknownNameError(f"robot '{model.name}', foot '{foot.name}'", "frame", foot.frame, leaf_frames(model))
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, pinocchio.neutral(model))
     places = np.array([data.oMf[model.getFrameId(foot.frame)].translation[:2] for foot in made])
@@ -189,7 +188,7 @@ def _short(frame: str) -> str:
     return frame
 
 
-def _leaf_frames(model: pinocchio.Model) -> list[str]:
+def leaf_frames(model: pinocchio.Model) -> list[str]:
     """Return the names of the link frames at the last joints of every leg, where feet are found."""
     parents = set(model.parents)
     return [

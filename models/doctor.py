@@ -1,0 +1,191 @@
+"""What is wrong with a robot: its URDF, its bodies, its feet, and whether it can stand on them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError
+
+from .doctor_urdf import Finding, Severity, examine_text, finding, judge_inertia
+from .kinematics import Kinematics
+from .loaders import build_model, leaf_frames, load, locate, names
+from .mujoco_scene import body_names
+from .robot import ROOT, Foot, Robot
+
+Array = NDArray[np.float64]
+Feet = Sequence[str] | Sequence[Foot] | Mapping[str, str] | None
+
+_ORDER = {"error": 0, "warning": 1, "note": 2}
+_NARROW = 0.05  # a workspace thinner than this fraction of the leg's reach is a line or a plane
+
+
+def diagnose(name_or_urdf_path: str | Path, *, feet: Feet = None, foot_radius: float | None = None) -> list[Finding]:
+    """Return what is wrong with a robot, the worst first; a healthy robot has notes at most.
+
+    Args:
+        name_or_urdf_path: as for :func:`piaffe.models.load`.
+        feet: as for :func:`piaffe.models.load`; without them only the URDF is examined.
+        foot_radius: radius of the foot's ball [m].
+    """
+    urdf = locate(name_or_urdf_path)[0]
+    found, buildable = examine_text(urdf)
+    if buildable:
+        found += _examine_model(name_or_urdf_path, urdf, feet, foot_radius)
+    return sorted(_merge(found), key=lambda one: _ORDER[one.severity])
+
+
+def _merge(found: list[Finding]) -> list[Finding]:
+    """Return the findings with those of equal text as one, and without those of a body that its link has too."""
+    places: dict[tuple[Severity, str, str], list[str]] = {}
+    for one in found:
+        kind, _, name = one.where.partition(" ")
+        if kind == "body" and replace(one, where=f"link {name}") in found:
+            continue
+        same = places.setdefault((one.severity, kind, one.text), [])
+        if name not in same:
+            same.append(name)
+    return [
+        Finding(severity, f"{kind} {', '.join(same)}".strip(), text) for (severity, kind, text), same in places.items()
+    ]
+
+
+def _examine_model(name: str | Path, urdf: Path, feet: Feet, foot_radius: float | None) -> list[Finding]:
+    try:
+        model = build_model(urdf)
+    except ModelError as error:
+        return [Finding("error", f"file '{urdf}'", f"Pinocchio cannot read it - {error}")]
+    if model.njoints <= ROOT + 1:
+        return [finding("error", "robot", "has no joints", "none that moves", "some", "check the joints' types")]
+    found = [_summary(model), *_massless(model)]
+    if feet is None and str(name) not in names():
+        advice = f"name their frames out of {leaf_frames(model)}"
+        return [*found, finding("note", "feet", "are not given", "none", "some", advice)]
+    try:
+        robot = load(name, feet=feet, foot_radius=foot_radius)
+    except ModelError as error:
+        return [*found, Finding("error", "feet", str(error))]
+    if not np.array_equal(robot.torque_limit, model.upperEffortLimit[6:]):
+        found.append(Finding("note", "limits", f"of {robot.name} are not those of its URDF, which lacks some"))
+    return [*found, *_bodies(robot, _span(robot)), *_feet(robot), *_stand(robot), *_looks(robot)]
+
+
+def _summary(model: pinocchio.Model) -> Finding:
+    mass = pinocchio.computeTotalMass(model)
+    return Finding("note", "robot", f"{model.name}: {model.njoints - ROOT - 1} joints, {mass:.3f} kg")
+
+
+def _massless(model: pinocchio.Model) -> Iterator[Finding]:
+    """Yield bodies without mass: their joints would accelerate without bound."""
+    for j in range(ROOT, model.njoints):
+        if model.inertias[j].mass <= 0:
+            where, got = f"joint '{model.names[j]}'", "0 kg on all links up to the next joint"
+            yield finding("error", where, "moves no mass", got, "some", "give <inertial> or fix the joint")
+
+
+def _bodies(robot: Robot, span: float) -> Iterator[Finding]:
+    """Yield moving bodies whose inertia, that of links fixed together, is impossible or in a wrong unit."""
+    size = f"a part of a robot of {span:.2f} m"
+    for name, inertia in zip(body_names(robot), list(robot.model.inertias)[ROOT:], strict=True):
+        if inertia.mass <= 0:
+            continue
+        where = f"body '{name}'"
+        yield from judge_inertia(where, inertia.mass, inertia.inertia)
+        gyration = np.sqrt(max(np.trace(inertia.inertia) / 2, 0.0) / inertia.mass)
+        if gyration > span or 0 < gyration < 1e-3 * span:
+            got = f"a radius of gyration of {gyration:.3g} m for {inertia.mass:.3g} kg"
+            yield finding("warning", where, "inertia does not fit its mass", got, size, "check the unit of the inertia")
+        away = float(np.linalg.norm(inertia.lever))
+        if away > span:
+            yield finding(
+                "warning", where, "centre of mass is far off", f"{away:.3g} m from its joint", size, "check it"
+            )
+
+
+def _span(robot: Robot) -> float:
+    """Return a length that the robot's parts do not exceed [m]."""
+    places = [robot.model.jointPlacements[j].translation for j in range(ROOT, robot.model.njoints)]
+    return float(np.ptp(places, axis=0).max() + max(Kinematics(robot).reach, default=0.0))
+
+
+def _feet(robot: Robot) -> Iterator[Finding]:
+    """Yield feet that cannot be placed on the ground, or not freely."""
+    legs = Kinematics(robot)
+    _, places = legs.workspace
+    joints = {int(foot): group.joints[m] for group in legs.groups for m, foot in enumerate(group.feet)}
+    first = [p.translation[2] for j, p in enumerate(robot.model.jointPlacements) if robot.model.parents[j] == ROOT]
+    for i, foot in enumerate(robot.feet):
+        where = f"foot '{foot.name}'"
+        if i not in joints:
+            what, expected = "is fixed to the base", "a leg"
+            yield finding("error", where, what, "no joint before it", expected, "choose another frame")
+            continue
+        others = [robot.feet[k].name for k in joints if k != i and set(joints[k]) & set(joints[i])]
+        if others:
+            got, expected = f"some in common with {others}", "a leg each"
+            yield finding("warning", where, "shares its joints", got, expected, "keep one foot per leg")
+        spread = np.linalg.svd(places[:, i] - places[:, i].mean(axis=0), compute_uv=False) / np.sqrt(len(places))
+        if spread[2] < _NARROW * legs.reach[i]:
+            got = f"{len(joints[i])} joints that spread it by {', '.join(f'{s:.3f}' for s in spread)} m"
+            expected = f"more than {_NARROW * legs.reach[i]:.3f} m in each of three directions"
+            yield finding(
+                "warning", where, "cannot be placed freely", got, expected, "check its joints and their ranges"
+            )
+        lowest = float(places[:, i, 2].min())
+        if lowest > min(first) - robot.foot_radius:
+            got, expected = f"{lowest:.3f} m at its lowest", f"below the legs' first joints at {min(first):.3f} m"
+            yield finding("error", where, "does not reach the ground", got, expected, "check its frame and joints")
+        if len(foot.roles) < 2:
+            got, expected = " ".join(sorted(foot.roles)) or "none", "front or hind, and left or right"
+            yield finding("note", where, "has not two roles", got, expected, "gaits written in roles may leave it out")
+
+
+def _stand(robot: Robot) -> Iterator[Finding]:
+    """Yield what keeps the robot from resting in its ``"stand"`` pose."""
+    pose, advice = robot.pose("stand"), "give another pose 'stand'"
+    for name, angle, lower, upper in zip(robot.joint_names, pose, robot.joint_lower, robot.joint_upper, strict=True):
+        if not lower <= angle <= upper:
+            got, expected = f"{angle:.3f} rad", f"{lower:g} to {upper:g}"
+            yield finding("warning", f"joint '{name}'", "stands beyond its limits", got, expected, advice)
+    feet = Kinematics(robot).feet(pose)
+    if np.ptp(feet[:, 2]) > 0.02 + 0.05 * np.ptp(feet[:, :2], axis=0).max():
+        heights = dict(zip(robot.foot_names, feet[:, 2].round(3).tolist(), strict=True))
+        yield finding("warning", "pose 'stand'", "feet are not level", f"heights {heights} m", "one plane", advice)
+    if len(robot.feet) >= 3:
+        yield from _rest(robot, pose)
+
+
+def _rest(robot: Robot, pose: Array) -> Iterator[Finding]:
+    """Yield feet that carry nothing, and joints too weak, when the feet share the weight."""
+    q = pinocchio.neutral(robot.model)
+    q[7:] = pose
+    data = robot.model.createData()
+    effort = pinocchio.computeGeneralizedGravity(robot.model, data, q)
+    pinocchio.computeJointJacobians(robot.model, data, q)
+    pinocchio.updateFramePlacements(robot.model, data)
+    world = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    rise = np.array(
+        [pinocchio.getFrameJacobian(robot.model, data, robot.frame_id(f.frame), world)[2] for f in robot.feet]
+    )
+    force = np.linalg.lstsq(rise[:, :6].T, effort[:6], rcond=None)[0]
+    for foot, newton in zip(robot.feet, force, strict=True):
+        if newton < 0:
+            what, advice = "carries nothing in 'stand'", "the centre of mass lies beyond the feet: give another pose"
+            yield finding("warning", f"foot '{foot.name}'", what, f"{newton:.1f} N", "a force > 0", advice)
+    torque = effort[6:] - rise[:, 6:].T @ force
+    for name, needed, limit in zip(robot.joint_names, torque, robot.torque_limit, strict=True):
+        if abs(needed) > limit:
+            got, expected = f"a limit of {limit:g} Nm", f"at least {abs(needed):.2f} Nm"
+            yield finding("warning", f"joint '{name}'", "is too weak to stand", got, expected, "check the limit")
+
+
+def _looks(robot: Robot) -> Iterator[Finding]:
+    """Yield that shapes are missing."""
+    if robot.visual is None:
+        got, expected = f"no file for some mesh below {list(robot.package_dirs)}", "all of them"
+        yield finding("note", "visual geometry", "cannot be read", got, expected, "capsules stand in for it")
