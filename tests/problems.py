@@ -82,7 +82,8 @@ def swing_up() -> ocp.Problem:
     motion = ocp.Motion(ocp.Phase("swing", "swing", 1.5, {"angle": pi}))
     objective = ocp.Objective(
         ocp.track("angle", 0.5), ocp.regularize("place", 0.1), ocp.regularize("force", 0.01),
-        ocp.track("angle", 50.0, at="end"), ocp.regularize("spin", 5.0, at="end"), ocp.regularize("speed", 5.0, at="end"),
+        ocp.track("angle", 50.0, at="end"), ocp.regularize("spin", 5.0, at="end"),
+        ocp.regularize("speed", 5.0, at="end"),
     )  # fmt: skip
     limits = ocp.Constraints(
         ocp.inequality(lambda s: s.force, lower=-12, upper=12, name="force limit", unit="N"),
@@ -95,7 +96,8 @@ def flying_body() -> ocp.Problem:
     """A rigid body turns by 2.4 rad on its way past a sphere and must arrive with a given attitude at a given place."""
     inertia = cs.DM([0.06, 0.22, 0.27])
     body = ocp.Model(
-        "body", state={"position": 3, "attitude": "rotation", "velocity": 3, "rate": 3}, control={"force": 3, "torque": 3},
+        "body", control={"force": 3, "torque": 3},
+        state={"position": 3, "attitude": "rotation", "velocity": 3, "rate": 3},
         modes={
             "fly": lambda s: {
                 "position": s.velocity,
@@ -108,8 +110,8 @@ def flying_body() -> ocp.Problem:
     goal = rotation.np_from_rpy(np.array([2.4, 0.3, -0.5]))
     motion = ocp.Motion(ocp.Phase("fly", "fly", 1.0, {"position": (1.0, 0.0, 0.2), "attitude": (2.4, 0.3, -0.5)}))
     objective = ocp.Objective(
-        ocp.regularize("force", 0.02), ocp.regularize("torque", 1.0), ocp.track(ocp.Quantity("attitude", "rad", "rotation"), 0.1),
-        ocp.regularize("velocity", 0.1), ocp.regularize("rate", 0.5, at="end"),
+        ocp.regularize("force", 0.02), ocp.regularize("torque", 1.0), ocp.regularize("velocity", 0.1),
+        ocp.track(Quantity("attitude", "rad", "rotation"), 0.1), ocp.regularize("rate", 0.5, at="end"),
     )  # fmt: skip
     limits = ocp.Constraints(
         ocp.inequality(lambda s: cs.sumsqr(s.position - cs.DM([0.5, 0.05, 0.1])) - 0.04, name="sphere", unit="m^2"),
@@ -148,7 +150,8 @@ def hopper() -> ocp.Problem:
         ocp.Phase("rise", "flight", 0.2, {"x": 0.65, "z": 1.2}),
     )
     objective = ocp.Objective(
-        ocp.regularize("push", 0.01), ocp.regularize("swing", 0.1), ocp.track("x", 50.0, at="end"), ocp.track("z", 50.0, at="end"),
+        ocp.regularize("push", 0.01), ocp.regularize("swing", 0.1),
+        ocp.track("x", 50.0, at="end"), ocp.track("z", 50.0, at="end"),
     )  # fmt: skip
     limits = ocp.Constraints(
         ocp.inequality(lambda s: s.push, lower=-20, upper=20, name="push limit", unit="N"),
@@ -161,7 +164,7 @@ PLACE, SPEED = Quantity("place", "m"), Quantity("speed", "m/s")
 
 
 class Rope(ocp.ModelBase):
-    """A mass of 2 kg at the end of a rope of 1 m, which is slack or taut: implicit dynamics and impact, as contacts are.
+    """A mass of 2 kg on a rope of 1 m, slack or taut: dynamics and impact are implicit, as contacts are.
 
     z is acceleration and tension; ``taut`` flags the tension, ``tightens`` the impulse at a phase's end.
     """

@@ -1,5 +1,6 @@
 """The independent answer to linear-quadratic problems: all stages stacked into one dense KKT system, plain NumPy."""
 
+import casadi as cs
 import numpy as np
 
 from piaffe.ocp import CompiledProblem
@@ -63,7 +64,9 @@ class Places:
 
     def split(self, w: Array) -> Pair:
         """Return states (N+1, nx) and controls (N, nu) of every phase."""
-        return [w[np.array(x)] for x in self.x], [w[np.array(u, dtype=int)].reshape(n, -1) for u, (n, _, _) in zip(self.u, self.sizes, strict=True)]  # fmt: skip
+        states = [w[np.array(x)] for x in self.x]
+        tables = zip(self.u, self.sizes, strict=True)
+        return states, [w[np.array(u, dtype=int)].reshape(n, nu) for u, (n, _, nu) in tables]
 
     def join(self, states: list[Array], controls: list[Array]) -> Array:
         """Return the stacked vector."""
@@ -94,35 +97,32 @@ def stack_models(phases: list[LqPhase]) -> tuple[Stack, Places]:
     return stack, places
 
 
-def affine(function, *sizes: int):
+def affine(function: cs.Function, sizes: tuple[int, ...], *fixed: Array) -> list[tuple[Array, Array]]:
     """Return (offset, matrix) of every output of an affine function of stacked arguments, from its values alone."""
-    total = sum(sizes)
 
     def values(w: Array) -> list[Array]:
-        out = function(*np.split(w, np.cumsum(sizes)[:-1]))
-        return [np.asarray(o).ravel() for o in (out if isinstance(out, tuple | list) else [out])]
+        out = function(*np.split(w, np.cumsum(sizes)[:-1]), *fixed)
+        return [np.asarray(o).ravel() for o in (out if isinstance(out, tuple) else (out,))]
 
-    offsets = values(np.zeros(total))
-    columns = [values(e) for e in np.eye(total)]
+    offsets = values(np.zeros(sum(sizes)))
+    columns = [values(e) for e in np.eye(sum(sizes))]
     return [(o, np.array([c[j] - o for c in columns]).T) for j, o in enumerate(offsets)]
 
 
 def stack_problem(problem: CompiledProblem) -> tuple[Stack, Places]:
     """Return the dense problem of a linear-quadratic declaration without implicit parts, in states and controls."""
     places = Places([(p.num_stages, p.mode.state.nx, p.mode.nu) for p in problem.phases])
-    stack = Stack(places.size)
+    stack, none = Stack(places.size), np.zeros(0)
     stack.equal(places.x[0][0], np.eye(len(problem.initial)), problem.initial)
     for i, phase in enumerate(problem.phases):
         x, u, (n, nx, nu) = places.x[i], places.u[i], places.sizes[i]
-        f, none = phase.mode.functions, np.zeros(0)
         for k in range(n):
-            (step, S), (r, J), *_ = affine(lambda a, b, k=k: f["stage"](a, b, none, phase.p[k]), nx, nu)
+            (step, S), (r, J), *_ = affine(phase.mode.functions["stage"], (nx, nu), none, phase.p[k])
             stack.squares(x[k] + u[k], J, r, phase.dt * phase.weight[k])
             stack.equal(x[k + 1] + x[k] + u[k], np.hstack([np.eye(nx), -S]), step)
-        (r, J), *_ = affine(lambda a: f["terminal"](a, phase.p_end), nx)
+        (r, J), *_ = affine(phase.mode.functions["terminal"], (nx,), phase.p_end)
         stack.squares(x[n], J, r, phase.end_weight)
         if phase.transition is not None:
-            t, p = phase.transition.functions["reset"], phase.p_transition
-            ((start, P),) = affine(lambda a: t(a, none, p), nx)
+            ((start, P),) = affine(phase.transition.functions["reset"], (nx,), none, phase.p_transition)
             stack.equal(places.x[i + 1][0] + x[n], np.hstack([np.eye(len(start)), -P]), start)
     return stack, places

@@ -1,4 +1,4 @@
-"""A second solver: the compiled problem as one sparse nonlinear program for Ipopt, without barrier or penalty of ours."""
+"""A second solver: the compiled problem as one sparse nonlinear program for Ipopt."""
 
 from dataclasses import dataclass
 

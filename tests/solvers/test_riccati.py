@@ -23,10 +23,11 @@ def random_model(rng: np.random.Generator, sizes: tuple[tuple[int, int, int], ..
         last = i + 1 == len(sizes)
         phases.append(
             LqPhase(
-                A=rng.normal(size=(n, nx, nx)) / np.sqrt(nx), B=rng.normal(size=(n, nx, nu)), d=rng.normal(size=(n + 1, nx)),
-                l_x=rng.normal(size=(n, nx)), l_u=rng.normal(size=(n, nu)),
+                A=rng.normal(size=(n, nx, nx)) / np.sqrt(nx), B=rng.normal(size=(n, nx, nu)),
+                d=rng.normal(size=(n + 1, nx)), l_x=rng.normal(size=(n, nx)), l_u=rng.normal(size=(n, nu)),
                 l_xx=H[:, :nx, :nx], l_ux=H[:, nx:, :nx], l_uu=H[:, nx:, nx:],
-                end_x=rng.normal(size=nx), end_xx=end @ end.T, P=None if last else rng.normal(size=(sizes[i + 1][1], nx)),
+                end_x=rng.normal(size=nx), end_xx=end @ end.T,
+                P=None if last else rng.normal(size=(sizes[i + 1][1], nx)),
             )
         )  # fmt: skip
     return phases
