@@ -85,8 +85,9 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
     """Keep the feet that are in the air at least ``minimum`` above the terrain [m], the landing included.
 
     Feet on the ground are held there by the contact and are masked, as is a foot at the first two nodes after it has
-    left: its place there follows from the stance alone, integration error included. A foot leaves and meets the ground at height 0, so
-    that a positive ``minimum`` can hold only in phases in which no foot does; name them in ``when``.
+    left: its place there follows from the stance alone, integration error included. A foot leaves and meets the
+    ground at height 0, so that a positive ``minimum`` can hold only in phases in which no foot does; name them in
+    ``when``.
     """
     return inequality(
         _foot_height,
