@@ -2,98 +2,193 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ProblemError, UnknownNameError
+from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
 from .batch import Batch
 from .compiled import CompiledPhase, CompiledProblem
 from .lowering import Row
 from .model import ModelBase
 from .motion import Motion
-from .path import Path
+from .term import ByPhase, Constraint, Cost
+
+if TYPE_CHECKING:
+    from .problem import Problem
 
 Array = NDArray[np.float64]
 
 
-def check_targets(motion: Motion, path: Path, models: list[ModelBase]) -> None:
-    """Raise if a keyframe speaks of something that no model has."""
-    for piece in motion.pieces:
-        for phase in piece.phases:
-            if phase.target is None:
-                continue
-            for name, value in phase.target.values.items():
-                errors = []
-                for model in models:
-                    try:
-                        model.keyframe({name: value})
-                        break
-                    except UnknownNameError as error:
-                        errors.append(error)
-                else:
-                    raise ProblemError(f"phase '{phase.name}' ({phase.source}): {errors[0]}") from errors[0]
+def check_targets(motion: Motion, models: list[ModelBase]) -> None:
+    """Raise if a keyframe speaks of something that no model has, or gives it another size."""
+    for phase in (phase for piece in motion.pieces for phase in piece.phases):
+        for name, value in phase.target.values.items() if phase.target else ():
+            errors: list[Exception] = []
+            for model in models:
+                try:
+                    model.keyframe({name: value})
+                    break
+                except (ModelError, ProblemError) as error:
+                    errors.append(error)
+            else:  # the most telling: a model that knows the name, but not with this value
+                telling = next((e for e in errors if not isinstance(e, UnknownNameError)), errors[0])
+                raise ProblemError(f"phase '{phase.name}' ({phase.source}): {telling}") from telling
+
+
+def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
+    """Raise if a term speaks of a phase, or a schedule leaves out a term, that is not there."""
+    phases = dict.fromkeys(phase.name for piece in problem.motion.pieces for phase in piece.phases)
+    for term in terms:
+        named = list(term.when) if isinstance(term.when, tuple) else [term.when] if isinstance(term.when, str) else []
+        if isinstance(term, Cost) and isinstance(term.weight, ByPhase):
+            named += term.weight.phases
+        for name in named:
+            if name not in phases:
+                raise UnknownNameError(f"term '{term.name}' ({term.source})", "phase", name, phases)
+    for segment in problem.schedule.segments:
+        for term in segment.excluded:
+            if term not in terms:
+                raise ProblemError(
+                    f"schedule ({segment.source}), model '{segment.model.name}': leaves out a term that is not in the problem - "
+                    f"got '{term.name}' ({term.source}), expected one of its terms; pass the very object that the problem has"
+                )
 
 
 def solve_implicit(K: Array, r0: Array) -> Array:
     """Return z = −K⁻¹ r0 for stacked nodes, (n, nz)."""
     if r0.shape[1] == 0:
         return r0
-    return -np.linalg.solve(K, r0[:, :, None])[:, :, 0]
+    return np.asarray(-np.linalg.solve(K, r0[:, :, None])[:, :, 0])
 
 
-def check_controls(compiled: CompiledProblem) -> None:
+class Guess:
+    """What the functions of a phase give at its initial guess, by name, each evaluated once.
+
+    Args:
+        phase: the compiled phase.
+    """
+
+    def __init__(self, phase: CompiledPhase) -> None:
+        self.phase = phase
+        self.x, self.u = phase.guess_states, phase.guess_controls
+        self._implicit = _named(phase.mode.functions["implicit"], self.x[:-1], self.u, phase.p)
+
+    @cached_property
+    def z(self) -> Array:
+        """Implicit variables (N, nz); NaN if their equations have no solution."""
+        return _solved(self._implicit["K"], self._implicit["r0"])
+
+    @cached_property
+    def stage(self) -> dict[str, Array]:
+        """Values of the stages."""
+        return _named(self.phase.mode.functions["stage"], self.x[:-1], self.u, self.z, self.phase.p)
+
+    @cached_property
+    def stage_d(self) -> dict[str, Array]:
+        """Derivatives of the stages."""
+        return _named(self.phase.mode.functions["stage_d"], self.x[:-1], self.u, self.z, self.phase.p, self.x[1:])
+
+    @cached_property
+    def terminal(self) -> dict[str, Array]:
+        """Values of the last node's rows."""
+        return _named(self.phase.mode.functions["terminal"], self.x[-1:], self.phase.p_end[None])
+
+    @cached_property
+    def terminal_d(self) -> dict[str, Array]:
+        """Derivatives of the last node's rows."""
+        return _named(self.phase.mode.functions["terminal_d"], self.x[-1:], self.phase.p_end[None])
+
+    @cached_property
+    def reset(self) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Values and derivatives of what happens after the phase; empty if nothing does."""
+        if self.phase.transition is None or not self.phase.resets:
+            return {}, {}
+        functions, x, p = self.phase.transition.functions, self.x[-1:], self.phase.p_transition[None]
+        implicit = _named(functions["implicit"], x, p)
+        z = _solved(implicit["K"], implicit["r0"])
+        values = _named(functions["reset"], x, z, p)
+        return values, _named(functions["reset_d"], x, z, p, values["x_next"])
+
+    def control_curvature(self) -> Array:
+        """Return the largest curvature of the running cost by each control over the stages, z chained in, (nu,)."""
+        by_w = self.stage_d["residual_w"]
+        if self.phase.mode.nz and by_w.shape[1]:
+            by_w = by_w - self.stage_d["residual_z"] @ np.linalg.solve(self._implicit["K"], self.stage_d["r_w"])
+        slopes = by_w[:, :, self.phase.mode.state.ndx :]
+        return np.asarray(np.einsum("nr,nru->nu", self.phase.weight, slopes**2).max(axis=0))
+
+
+def check_guess(compiled: CompiledProblem) -> None:
+    """Raise if something is not finite at the initial guess, or a control has no cost there."""
+    guesses = [Guess(phase) for phase in compiled.phases]
+    check_finite(compiled, guesses)
+    check_controls(compiled, guesses)
+
+
+def check_controls(compiled: CompiledProblem, guesses: list[Guess] | None = None) -> None:
     """Raise if some control has no running cost anywhere in a mode: its Hessian would be singular."""
-    for mode in dict.fromkeys(phase.mode for phase in compiled.phases):
+    guesses = guesses or [Guess(phase) for phase in compiled.phases]
+    for mode in dict.fromkeys(guess.phase.mode for guess in guesses):
         if mode.nu == 0:
             continue
-        ndx, curvature = mode.state.ndx, np.zeros(mode.nu)
-        for phase in (p for p in compiled.phases if p.mode is mode):
-            J = _derivatives(phase)["residual_w"][:, :, ndx:]
-            curvature = np.maximum(curvature, np.einsum("nr,nru->nu", phase.weight, J**2).max(axis=0))
+        curvature = np.max([guess.control_curvature() for guess in guesses if guess.phase.mode is mode], axis=0)
         for i in np.flatnonzero(curvature <= 0.0):
-            label = mode.model.control.labels[i]
+            label = mode.model.control.labels[i].strip()
             raise ProblemError(
-                f"model '{mode.model.name}', mode '{mode.key}': a control has no running cost - got none on '{label}', expected "
-                f"at least a small one; add ocp.regularize({label.split()[0]}, weight=...)"
+                f"model '{mode.model.name}', mode '{mode.key}': a control has no running cost - got none on '{label}', "
+                f"expected at least a small one; add ocp.regularize('{label.split()[0]}', weight=...) to the objective"
             )
 
 
-def check_finite(compiled: CompiledProblem) -> None:
+def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) -> None:
     """Raise if a value or derivative is NaN or infinite at the initial guess; name the term and the node."""
-    for phase in compiled.phases:
-        for results, group in ((_values(phase), "value"), (_derivatives(phase), "derivative")):
-            for name, array in results.items():
-                if np.all(np.isfinite(array)):
-                    continue
-                node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
-                if name.split("_")[0] in ("residual", "g", "h"):
-                    owner: Row = phase.mode.rows[f"stage_{name.split('_')[0]}"][row]
-                    source = f" ({compiled.terms[owner.term].source})" if owner.term >= 0 else ""
-                    what = f"term '{compiled.row_name(owner)}'{source}"
-                else:
-                    what = f"dynamics of model '{phase.mode.model.name}' (function '{name}', row {row})"
-                raise ProblemError(
-                    f"{what}, phase '{phase.name}', node {node}: {group} at the initial guess is not finite - got NaN or "
-                    "infinity, expected finite numbers; move the guess or the term away from the singularity"
-                )
+    guesses = guesses or [Guess(phase) for phase in compiled.phases]
+    for guess in guesses:
+        n = guess.phase.num_stages
+        for group, first, tables in (
+            ("stage", 0, (guess.stage, guess.stage_d)),
+            ("terminal", n, (guess.terminal, guess.terminal_d)),
+            ("reset", n, guess.reset),
+        ):
+            for what, results in zip(("value", "derivative"), tables, strict=True):
+                for name, array in results.items():
+                    if np.all(np.isfinite(array)):
+                        continue
+                    node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
+                    got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
+                    raise ProblemError(
+                        f"{_owner(compiled, guess.phase, group, name, row)}, phase '{guess.phase.name}', node {first + node}: "
+                        f"{what} at the initial guess is not finite - got {got}, expected finite numbers; move the guess or "
+                        "the term away from the singularity"
+                    )
 
 
-def _z(phase: CompiledPhase) -> Array:
-    K, r0 = Batch(phase.mode.functions["implicit"])(phase.guess_states[:-1], phase.guess_controls, phase.p)
+def _owner(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: str, row: int) -> str:
+    """Return what a row of a function belongs to, in words."""
+    kind, model = name.split("_")[0], phase.mode.model
+    if group != "reset" and kind in ("residual", "g", "h"):
+        owner: Row = phase.mode.rows[f"{group}_{kind}"][row]
+        source = f" ({compiled.terms[owner.term].source})" if owner.term >= 0 else ""
+        return f"term '{compiled.row_name(owner)}'{source}"
+    if group == "reset":
+        return f"reset of model '{model.name}' ({phase.interval.phase.source})"
+    if name == "x_next":
+        block = next(b for b in model.state.blocks if model.state.slices[b.quantity].stop > row)
+        return f"dynamics of model '{model.name}', next '{block.quantity}'"
+    return f"dynamics of model '{model.name}', function '{name}'"
+
+
+def _named(function: cs.Function, *arguments: Array) -> dict[str, Array]:
+    return dict(zip(function.name_out(), Batch(function)(*arguments), strict=True))
+
+
+def _solved(K: Array, r0: Array) -> Array:
     try:
         return solve_implicit(K, r0)
     except np.linalg.LinAlgError:
         return np.full_like(r0, np.nan)
-
-
-def _values(phase: CompiledPhase) -> dict[str, Array]:
-    stage = phase.mode.functions["stage"]
-    results = Batch(stage)(phase.guess_states[:-1], phase.guess_controls, _z(phase), phase.p)
-    return dict(zip(stage.name_out(), results, strict=True))
-
-
-def _derivatives(phase: CompiledPhase) -> dict[str, Array]:
-    stage_d = phase.mode.functions["stage_d"]
-    arguments = (phase.guess_states[:-1], phase.guess_controls, _z(phase), phase.p, phase.guess_states[1:])
-    return dict(zip(stage_d.name_out(), Batch(stage_d)(*arguments), strict=True))

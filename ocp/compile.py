@@ -14,19 +14,21 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ProblemError, ShapeError, UnknownNameError
+from piaffe.errors import ModelError, ProblemError, ShapeError, UnknownNameError
 
+from . import rotation
 from .batch import Batch
-from .checks import check_controls, check_finite, check_targets
+from .checks import check_guess, check_names, check_targets
 from .compiled import CompiledPhase, CompiledProblem
-from .lowering import LoweredMode, Lowering
+from .lowering import LEFT_OUT, LoweredMode, Lowering
 from .model import ModelBase, Node, Sample
+from .parameter import Parameter
 from .path import Interval, Path
 from .phase import Phase, ResetMap
 from .problem import Problem
 from .quantity import Quantity
 from .term import Constraint, Cost
-from .timeline import Stretch, lay
+from .timeline import Stretch, covers, lay
 from .transition import LoweredTransition, lower_transition
 
 Array = NDArray[np.float64]
@@ -81,20 +83,20 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
     compilation = _Compilation(problem)
     stretches = lay(compilation.path, problem.schedule, t0)
     phases = tuple(compilation.phase(i, stretches) for i in range(len(stretches)))
-    compilation.check_bound(phases)
+    compilation.check_bound(phases, complete=covers(problem.motion, stretches))
     built = _lower.cache_info().misses + _link.cache_info().misses - misses
     compiled = CompiledProblem(
         phases=phases,
         initial=problem.initial,
         terms=compilation.terms,
+        scopes=compilation.scopes,
         path=compilation.path,
         unbound=compilation.unbound,
         lowered=built,
         compile_s=time.perf_counter() - began,
     )
     if checks:
-        check_controls(compiled)
-        check_finite(compiled)
+        check_guess(compiled)
     return compiled
 
 
@@ -106,6 +108,7 @@ class _Compilation:
         models = list(dict.fromkeys(segment.model for segment in problem.schedule.segments))
         self.head = models[0]
         self.start: Sample = self.head.state.unpack(problem.initial)
+        check_targets(problem.motion, models)
         self.path: Path = problem.motion.bind(tuple(models), self.start)
         self.models = models
         scoped: list[tuple[Term, Phase | None]] = [(t, None) for t in (*problem.objective, *problem.constraints)]
@@ -118,7 +121,7 @@ class _Compilation:
         self.applied: set[int] = set()
         self.slot_names = {f"{model.name}.{slot.name}" for model in models for slot in model.slots}
         self.used_parameters: set[str] = set()
-        check_targets(problem.motion, self.path, models)
+        check_names(problem, self.terms)
 
     # ---- one phase
 
@@ -149,7 +152,7 @@ class _Compilation:
         states, controls = self.guess(model, stretch, samples, i == 0)
         return CompiledPhase(
             name=stretch.interval.phase.name,
-            label=str(stretch.interval.phase.mode) if model.cut_by_modes else "scheduled",
+            label=str(mode_now) if model.cut_by_modes else "scheduled",
             interval=stretch.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1],
             weight=stage[0], g_mask=stage[1], h_mask=stage[2],
             end_weight=end[0][0], end_g_mask=end[1][0], end_h_mask=end[2][0],
@@ -161,15 +164,21 @@ class _Compilation:
         """Return a phase's mode in a model's terms; errors name the phase."""
         try:
             return model.resolve(phase.mode)
-        except (UnknownNameError, ProblemError) as error:
+        except (ModelError, ProblemError) as error:
             raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
+
+    def neighbour(self, model: ModelBase, interval: Interval | None) -> Hashable | None:
+        """Return the mode of a phase before or after in a model's terms; None if there is none, or it is another model's."""
+        try:
+            return None if interval is None else model.resolve(interval.phase.mode)
+        except (ModelError, ProblemError):
+            return None
 
     def node(self, stretch: Stretch, t: float, interval: Interval, sample: Sample, *, is_end: bool) -> Node:
         """Return the context in which a model is asked its numbers."""
         model, following = stretch.segment.model, stretch.following if is_end else None
-        after = self.resolve(model, following.phase) if following is not None else None
-        earlier = self.path.interval_before(interval.start).phase if interval.start > 0 else None
-        before = self.resolve(model, earlier) if earlier is not None else None
+        earlier = self.path.interval_before(interval.start) if interval.start > 0 else None
+        before, after = self.neighbour(model, earlier), self.neighbour(model, following)
         steps = round((t - interval.start) / stretch.segment.dt)
         return Node(t, self.resolve(model, interval.phase), after, sample, before, steps)
 
@@ -199,19 +208,25 @@ class _Compilation:
             given = self.problem.parameters.get(name)
             if given is not None:
                 self.used_parameters.add(name)
-                if given.size != slot.size:
-                    raise ShapeError(f"problem ({self.problem.source}), parameter '{name}': wrong size - got {given.size}, expected {slot.size}; give as many")  # fmt: skip
+                self.sized(name, given, slot.size)
             value = of_node.get(slot.name, given if given is not None else slot.default)
             values[f"model.{slot.name}"] = np.asarray(value, dtype=float)
         return values
 
-    def user_numbers(self, parameters: tuple[object, ...]) -> dict[str, Array]:
+    def sized(self, name: str, given: Array, size: int) -> Array:
+        """Return a parameter's value; raise if it has not the size of its default."""
+        if given.size != size:
+            where = f"problem ({self.problem.source}), parameter '{name}'"
+            raise ShapeError(f"{where}: wrong size - got {given.size} entries, expected {size}; give as many as the default has")
+        return given
+
+    def user_numbers(self, parameters: tuple[Parameter, ...]) -> dict[str, Array]:
         """Return the values of the user's parameters."""
         values = {}
         for parameter in parameters:
-            label, default = parameter.label, parameter.value  # type: ignore[attr-defined]  # ocp.parameter objects
+            label, default = parameter.label, parameter.value
             self.used_parameters.add(label)
-            values[f"parameter.{label}"] = self.problem.parameters.get(label, default)
+            values[f"parameter.{label}"] = self.sized(label, self.problem.parameters.get(label, default), default.size)
         return values
 
     def term_numbers(
@@ -242,17 +257,19 @@ class _Compilation:
         values[f"term{k}.weight"] = weights if applies else np.zeros(len(labels))
         if f"term{k}.target" in slots:
             size = slots[f"term{k}.target"].stop - slots[f"term{k}.target"].start
-            values[f"term{k}.target"] = self.target(term, size, sample, labels)
+            values[f"term{k}.target"] = self.target(term, size, sample, labels) if applies else np.eye(1, size)[0]
 
     def target(self, term: Cost, size: int, sample: Sample, labels: tuple[str, ...]) -> Array:
         """Return a cost's target at a node: its own, or the path's."""
         quantity = term.quantity
         assert quantity is not None  # only tracked quantities have a target slot
         value = term.target
-        if value is not None and value.size == 0:
-            value = np.array([1.0, 0.0, 0.0, 0.0])
+        if value is not None and value.size == 0:  # a regularised rotation
+            return np.eye(4)[0]
         if value is None:
-            value = sample.get(quantity, sample.get(Quantity(quantity.path)))
+            value = next((given for q, given in sample.items() if q.path == quantity.path), None)
+        elif size == 4 and value.size == 3 and len(labels) == 3:  # of a rotation, as roll, pitch, yaw
+            value = rotation.np_from_rpy(value)
         if value is None:
             supplied = sorted(q.path for q in sample)
             raise ProblemError(
@@ -261,9 +278,10 @@ class _Compilation:
             )
         value = np.atleast_1d(np.asarray(value, dtype=float))
         if value.size != size:
+            names = "roll, pitch, yaw" if len(labels) < size else ", ".join(labels)
             raise ShapeError(
-                f"term '{term.name}' ({term.source}): target has the wrong size - got {value.size} entries, expected {size} "
-                f"({', '.join(labels)}) [{term.unit or '-'}]; give one per component"
+                f"term '{term.name}' ({term.source}): target has the wrong size - got {value.size} entries, expected "
+                f"{len(labels)} ({names}) [{term.unit or '-'}]; give one per component"
             )
         return value
 
@@ -275,11 +293,12 @@ class _Compilation:
         """Return the transition to the next stretch, its parameters and whether it does anything."""
         if follower is None:
             return None, np.zeros(0), False
-        model, phase = stretch.segment.model, stretch.interval.phase
+        model, ending = stretch.segment.model, self.path.interval_before(stretch.end)
+        phase = ending.phase
         user = phase.reset if stretch.ends_phase else None
         where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
         lowered = _link(_Link(model, key, follower.segment.model, user, where))
-        node = self.node(stretch, stretch.end, stretch.interval, sample, is_end=True)
+        node = self.node(stretch, stretch.end, ending, sample, is_end=True)
         values = {**self.model_numbers(model, stretch.segment.dt, node), **self.user_numbers(lowered.parameters)}
         values = {name: values[name] for name in lowered.layout.slices}
         moves = user is not None or model is not follower.segment.model or model.lands(node)
@@ -310,23 +329,36 @@ class _Compilation:
 
     # ---- what was declared and applies nowhere
 
-    def check_bound(self, phases: tuple[CompiledPhase, ...]) -> None:
-        """Raise for terms, phase names and parameters that apply nowhere."""
+    def check_bound(self, phases: tuple[CompiledPhase, ...], *, complete: bool) -> None:
+        """Raise for terms and parameters that apply nowhere.
+
+        Args:
+            phases: the horizon.
+            complete: whether it covers the whole motion; otherwise a term may apply in another part of it.
+        """
         modes = dict.fromkeys(phase.mode for phase in phases)
         for k, term in enumerate(self.terms):
-            if k in self.applied:
-                continue
             whys = list(dict.fromkeys(mode.unbound[k] for mode in modes if k in mode.unbound))
-            if not whys:
-                names = list(dict.fromkeys(phase.name for phase in phases))
-                whys = [f"it applies to {term.when!r} at '{term.at}', which is no phase of this horizon ({names})"]
-            if self.scopes[k] is not None and self.scopes[k] not in {p.interval.phase for p in phases}:
-                continue  # its phase lies beyond this horizon
+            binds = any(k in mode.bound for mode in modes)
+            if k in self.applied or LEFT_OUT in whys or (binds and not complete):
+                continue
+            if binds:
+                names = ", ".join(dict.fromkeys(f"'{phase.name}'" for phase in phases))
+                whys.append(f"it is meant for {_phases_of(term)} at '{term.at}', and no such phase among {names} has a model with it")
             raise ProblemError(
                 f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one model "
                 "and phase; correct it or remove it"
             )
-        unknown = set(self.problem.parameters) - self.used_parameters
-        if unknown:
-            known = sorted(self.slot_names | self.used_parameters)
-            raise UnknownNameError(f"problem ({self.problem.source})", "parameter", sorted(unknown)[0], known)
+        for name in sorted(set(self.problem.parameters) - self.used_parameters):
+            if complete or name.split(".")[0] in {model.name for model in self.models}:
+                known = sorted(self.slot_names | self.used_parameters)
+                raise UnknownNameError(f"problem ({self.problem.source})", "parameter", name, known)
+
+
+def _phases_of(term: Term) -> str:
+    if term.when is None:
+        return "every phase"
+    if callable(term.when):
+        return "phases that its when= picks"
+    names = (term.when,) if isinstance(term.when, str) else term.when
+    return "phase " + " or ".join(f"'{name}'" for name in names)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .lowering import LoweredMode, Row
 from .path import Interval, Path
+from .phase import Phase
 from .term import Constraint, Cost
 from .transition import LoweredTransition
 
@@ -76,6 +77,7 @@ class CompiledProblem:
         phases: in the order of time.
         initial: initial state (nx,).
         terms: costs and constraints; rows refer to them by index.
+        scopes: per term the motion phase that declares it, None for terms of the whole problem.
         path: the targets over time.
         unbound: per (model name, term index) why a term is not in that model.
         lowered: how many modes and transitions had to be built for this problem (0: everything was known).
@@ -85,6 +87,7 @@ class CompiledProblem:
     phases: tuple[CompiledPhase, ...]
     initial: Array
     terms: tuple[Cost | Constraint, ...]
+    scopes: tuple[Phase | None, ...]
     path: Path
     unbound: Mapping[tuple[str, int], str]
     lowered: int

@@ -34,11 +34,12 @@ def describe(compiled: CompiledProblem) -> str:
         for mode in modes:
             if k in mode.bound:
                 where.append(mode.model.name)
-                count = max(count, sum(row.term == k for rows in mode.rows.values() for row in rows))
+                count = max(count, *(sum(row.term == k for row in rows) for rows in mode.rows.values()))
             elif k in mode.unbound:
                 why.append(f"{mode.unbound[k]}")
         kind = term.kind if isinstance(term, Constraint) else "cost"
-        names = [p.name for p in compiled.phases if term.applies(p.name)]
+        scope = compiled.scopes[k]
+        names = [p.name for p in compiled.phases if term.applies(p.name) and scope in (None, p.interval.phase)]
         span = "all phases" if len(names) == len(compiled.phases) else ", ".join(dict.fromkeys(names))
         terms.append([
             term.name, kind, term.at, term.unit or "-", str(count), ", ".join(dict.fromkeys(where)), span,
@@ -46,7 +47,7 @@ def describe(compiled: CompiledProblem) -> str:
         ])  # fmt: skip
     lines.append("")
     lines += _table(["term", "kind", "at", "unit", "rows", "bound in", "phases", "not bound because", "declared"], terms)
-    notices = [notice for model in models for notice in model.notices(compiled.path)]
+    notices = list(dict.fromkeys(notice for model in models for notice in model.notices(compiled.path)))
     if notices:
         lines += ["", "warnings", "--------"] + [f"{n.where}: {n.text}" for n in notices]
     return "\n".join(lines)

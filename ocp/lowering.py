@@ -25,7 +25,7 @@ from typing import Any
 
 import casadi as cs
 
-from piaffe.errors import PiaffeError, ProblemError, ShapeError, UnknownNameError
+from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 
 from . import rotation
 from .layout import Layout
@@ -34,7 +34,9 @@ from .model import Dynamics, ModelBase
 from .parameter import Parameter, find
 from .quantity import Bound, Quantity
 from .term import Constraint, Cost
-from .view import NodeView
+from .view import NodeView, column
+
+LEFT_OUT = "left out by the schedule"
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class Row:
         label: name of the component.
         unit: its unit.
         scale: what the raw SI amount was divided by.
+        side: ``"lower"`` or ``"upper"`` of an inequality.
+        rotates: whether it is a component of a rotation's difference.
     """
 
     term: int
@@ -53,6 +57,7 @@ class Row:
     unit: str
     scale: float = 1.0
     side: str = ""
+    rotates: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +121,13 @@ class Lowering:
         self.slots[name] = cs.SX.sym(name, size)
         return self.slots[name]
 
-    def check_symbols(self, where: str, expression: cs.SX) -> None:
-        """Adopt user parameters in an expression; raise if it holds a symbol that is not of this node."""
+    def check_symbols(self, where: str, expression: cs.SX, absent: cs.SX | None = None) -> None:
+        """Adopt user parameters in an expression; raise if it holds a symbol that is not of this node, or absent there."""
+        if absent is not None and cs.depends_on(expression, absent):
+            raise ProblemError(
+                f"{where}: depends on control or contact force where there is none - got an expression of them at the end of "
+                "a phase, expected one of the state; change it"
+            )
         own = {
             e.element_hash()
             for part in (self.x, self.u, self.z, *self.slots.values(), *self.parameters.values())
@@ -159,10 +169,9 @@ class Lowering:
         if isinstance(result, NodeView):
             raise ProblemError(f"{where}: the function returned a group - got a group of quantities, expected numbers; name one of them")  # fmt: skip
         try:
-            rows = cs.vertcat(*result) if isinstance(result, list | tuple) else cs.SX(result)
+            rows = column(result)
         except NotImplementedError as error:
             raise ProblemError(f"{where}: the function's result is unusable - got {type(result).__name__}, expected a CasADi column; return one") from error  # fmt: skip
-        rows = cs.vec(rows)
         if rows.numel() == 0:
             raise ShapeError(f"{where}: the function returned no rows - got 0, expected at least one; return some")
         self.check_symbols(where, rows)
@@ -173,16 +182,17 @@ class Lowering:
         if cost.quantity is not None:
             bound = dynamics.quantities.bind(cost.quantity)
             rows, labels, mask = self.difference(bound, index, cost), bound.labels, bound.mask
+            unit, rotates = cost.unit or bound.quantity.unit, bound.quantity.kind == "rotation"
         else:
             rows = self.evaluate(view, index, cost.function)
-            labels = tuple(str(i) for i in range(rows.numel())) if rows.numel() > 1 else (cost.name,)
-            mask = None
+            labels = tuple(str(i) for i in range(rows.numel())) if rows.numel() > 1 else ("",)
+            mask, unit, rotates = None, cost.unit, False
         if cost.mask is not None:
             extra = self.stretch(self.evaluate(view, index, cost.mask, is_mask=True), rows.numel(), f"term '{cost.name}' ({cost.source})")
             mask = extra if mask is None else mask * extra
         weight = self.own(f"term{index}.weight", rows.numel())
-        unit = cost.unit or (str(cost.quantity.unit) if cost.quantity else "")
-        return _Piece(rows, weight, cs.SX.ones(rows.numel()) if mask is None else mask, tuple(Row(index, x, unit) for x in labels))
+        names = tuple(Row(index, label, unit, rotates=rotates) for label in labels)
+        return _Piece(rows, weight, cs.SX.ones(rows.numel()) if mask is None else mask, names)
 
     def difference(self, bound: Bound, index: int, cost: Cost) -> cs.SX:
         """Return value ⊖ target of a tracked quantity."""
@@ -233,7 +243,8 @@ class Lowering:
         """Return the lowered mode."""
         p_model = self.model_slots()
         dynamics = self.model.dynamics(self.key, self.x, self.u, self.z, p_model)
-        where = f"model '{self.model.name}', mode '{self.key}'"
+        declared = getattr(self.model, "source", None)
+        where = f"model '{self.model.name}'{f' ({declared})' if declared else ''}, mode '{self.key}'"
         self.check_symbols(where, cs.vertcat(dynamics.implicit, dynamics.next_state))
         view = NodeView(dynamics.quantities)
         stage: dict[str, list[_Piece]] = {"residual": [], "g": [], "h": []}
@@ -241,7 +252,7 @@ class Lowering:
         bound: list[int] = []
         for index, term in enumerate(self.terms):
             if index in self.excluded:
-                self.unbound[index] = "left out by the schedule"
+                self.unbound[index] = LEFT_OUT
                 continue
             try:
                 if isinstance(term, Cost):
@@ -249,10 +260,8 @@ class Lowering:
                 else:
                     group, piece = "g" if term.kind == "inequality" else "h", self.bind_constraint(view, index, term)
             except UnknownNameError as error:
-                self.unbound[index] = f"model '{self.model.name}' cannot supply '{error.name}'"
+                self.unbound[index] = f"model '{self.model.name}' cannot supply '{error.name}'{error.hint}"
                 continue
-            except PiaffeError:
-                raise
             bound.append(index)
             needs = cs.depends_on(piece.rows, cs.vertcat(self.u, self.z)) if self.u.numel() + self.z.numel() else False
             if term.at != "running" and needs:

@@ -12,7 +12,8 @@ from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from .manifold import Block, Manifold
 from .model import Dynamics, ModelBase, Quantities
 from .quantity import Bound, Quantity
-from .view import NodeView
+from .source import Source, caller
+from .view import NodeView, column
 
 Vectorfield = Callable[..., Mapping[str, Any]]
 
@@ -56,6 +57,11 @@ class Model(ModelBase):
             raise ModelError(f"model '{name}': no modes - got none, expected at least one dynamics function; give modes=")
         if integrator not in ("euler", "rk4", "discrete"):
             raise ModelError(f"model '{name}': integrator is unknown - got {integrator!r}, expected 'euler', 'rk4' or 'discrete'; choose one")  # fmt: skip
+        names = [*state, *(control or {}), *(quantities or {})]
+        twice = sorted({key for key in names if names.count(key) > 1})
+        if twice:
+            raise ModelError(f"model '{name}': names are not unique - got {twice} twice, expected each state, control and quantity once; rename one")  # fmt: skip
+        object.__setattr__(self, "source", caller())
         object.__setattr__(self, "modes", dict(modes))
         object.__setattr__(self, "extra", dict(quantities or {}))
         object.__setattr__(self, "integrator", integrator)
@@ -63,6 +69,7 @@ class Model(ModelBase):
     modes: Mapping[str, Vectorfield]
     extra: Mapping[str, Callable[[NodeView], Any]]
     integrator: str
+    source: Source
 
     def mode_key(self, mode: Hashable) -> str:
         """Return the mode's name; raise if the model has no such mode."""
@@ -84,7 +91,7 @@ class Model(ModelBase):
 
         def further(name: str, function: Callable[[NodeView], Any]) -> Callable[[], Bound]:
             def make() -> Bound:
-                value = cs.vec(cs.SX(function(NodeView(quantities))))
+                value = column(function(NodeView(quantities)))
                 labels = ("",) if value.numel() == 1 else tuple(str(i) for i in range(value.numel()))
                 return Bound(Quantity(name), value, labels)
 
@@ -101,7 +108,7 @@ class Model(ModelBase):
             path = block.quantity.path
             if path not in given:
                 raise ModelError(f"model '{self.name}', mode '{key}': a state has no derivative - got {sorted(given)}, expected also '{path}'; return it")  # fmt: skip
-            value = cs.vec(cs.SX(given.pop(path)))
+            value = column(given.pop(path))
             size = block.nx if self.integrator == "discrete" else block.ndx
             if value.numel() != size:
                 raise ShapeError(f"model '{self.name}', mode '{key}': '{path}' has the wrong size - got {value.numel()}, expected {size}; return as many")  # fmt: skip

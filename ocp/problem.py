@@ -57,20 +57,9 @@ class Problem:
         ):  # fmt: skip
             if not isinstance(value, kind):
                 raise ProblemError(f"problem ({source}): {name} is unusable - got {type(value).__name__}, expected ocp.{kind.__name__}; make one")  # fmt: skip
-        head = schedule.segments[0].model
-        x0 = np.asarray(initial, dtype=float)
-        if x0.shape != (head.state.nx,):
-            layout = ", ".join(f"{b.quantity.path} {b.nx}" for b in head.state.blocks)
-            raise ShapeError(
-                f"problem ({source}): initial state has the wrong size for model '{head.name}' - got shape {x0.shape}, "
-                f"expected ({head.state.nx},): {layout}; build it with the model's state()"
-            )
-        if not np.all(np.isfinite(x0)):
-            bad = [int(i) for i in np.flatnonzero(~np.isfinite(x0))]
-            raise ProblemError(f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite numbers; mend it")  # fmt: skip
         for key, value in {
             "motion": motion, "schedule": schedule, "objective": objective, "constraints": constraints or Constraints(),
-            "initial": head.state.np_normalise(x0), "source": source,
+            "initial": _initial(initial, schedule, source), "source": source,
             "parameters": {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in (parameters or {}).items()},
         }.items():  # fmt: skip
             object.__setattr__(self, key, value)
@@ -82,7 +71,7 @@ class Problem:
 
     def with_initial(self, initial: ArrayLike) -> Problem:
         """Return the problem from another initial state."""
-        return self._with("initial", np.asarray(initial, dtype=float))
+        return self._with("initial", _initial(initial, self.schedule, self.source))
 
     def _with(self, name: str, value: object) -> Problem:
         other = object.__new__(Problem)
@@ -95,3 +84,19 @@ class Problem:
         from .describe import describe
 
         return describe(compile_problem(self))
+
+
+def _initial(initial: ArrayLike, schedule: Schedule, source: Source) -> Array:
+    """Return an initial state of the first model, its quaternions normalised; raise if it is none."""
+    head = schedule.segments[0].model
+    x0 = np.asarray(initial, dtype=float)
+    if x0.shape != (head.state.nx,):
+        layout = ", ".join(f"{b.quantity.path} {b.nx}" for b in head.state.blocks)
+        raise ShapeError(
+            f"problem ({source}): initial state has the wrong size for model '{head.name}' - got shape {x0.shape}, "
+            f"expected ({head.state.nx},): {layout}; build it with the model's state()"
+        )
+    if not np.all(np.isfinite(x0)):
+        bad = [int(i) for i in np.flatnonzero(~np.isfinite(x0))]
+        raise ProblemError(f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite numbers; mend it")  # fmt: skip
+    return head.state.np_normalise(x0)

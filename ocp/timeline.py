@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from piaffe.errors import ProblemError
 
+from .motion import Motion
 from .path import Interval, Path
 from .schedule import Schedule, Segment
 
@@ -92,3 +93,9 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
             stretches.append(Stretch(segment, interval, t, steps, ends, following))
             t = stop
     return stretches
+
+
+def covers(motion: Motion, stretches: list[Stretch]) -> bool:
+    """Return whether a horizon covers a motion, or at least one cycle of an endless one."""
+    length = sum(phase.duration for piece in motion.pieces for phase in piece.phases)
+    return stretches[0].start < _TINY and stretches[-1].end > length - _TINY

@@ -23,7 +23,7 @@ from .lowering import Lowering, affine, tangent_jacobians
 from .model import ModelBase
 from .parameter import Parameter
 from .phase import ResetMap
-from .view import NodeView
+from .view import NodeView, column
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +54,14 @@ def lower_transition(
     low.z = cs.SX.sym("z", source.reset_size(key))
     p_model = low.model_slots()
     own = source.reset(key, low.x, low.z, p_model)
-    dynamics = source.dynamics(key, low.x, low.u, cs.SX.sym("z", source.implicit_size(key)), p_model)
+    absent = cs.vertcat(low.u, cs.SX.sym("z", source.implicit_size(key)))  # none of these at a phase's end
+    dynamics = source.dynamics(key, low.x, low.u, absent[low.u.numel() :], p_model)
     given: dict[str, cs.SX] = {}
     if user is not None:
         result = user.function(NodeView(dynamics.quantities))
         if not isinstance(result, Mapping):
             raise ProblemError(f"{where}, reset ({user.source}): result is unusable - got {type(result).__name__}, expected a mapping of state names; return a dict")  # fmt: skip
-        given = {name: cs.vec(cs.SX(value)) for name, value in result.items()}
+        given = {name: column(value) for name, value in result.items()}
     parts = []
     for block in target.state.blocks:
         path = block.quantity.path
@@ -71,7 +72,7 @@ def lower_transition(
                     f"{where}, reset ({user.source if user else ''}): '{path}' has the wrong size for the next model "
                     f"'{target.name}' - got {value.numel()}, expected {block.nx} [{block.quantity.unit}]; return as many"
                 )
-            low.check_symbols(f"{where}, reset", value)
+            low.check_symbols(f"{where}, reset ({user.source if user else ''})", value, absent)
         elif path in dynamics.quantities and dynamics.quantities.bind(path).value.numel() == block.nx:
             value = dynamics.quantities.bind(path).value
         else:
@@ -83,10 +84,7 @@ def lower_transition(
     if given:
         names = [b.quantity.path for b in target.state.blocks]
         raise ProblemError(f"{where}, reset ({user.source if user else ''}): unknown state names - got {sorted(given)}, expected some of {names}; rename them")  # fmt: skip
-    stacked = cs.vertcat(*parts)
-    if cs.depends_on(stacked, low.u):
-        raise ProblemError(f"{where}: the reset depends on the control where there is none - got an expression of u, expected one of the state; change it")  # fmt: skip
-    x_next = cs.substitute(stacked, low.x, own.next_state)
+    x_next = cs.substitute(cs.vertcat(*parts), low.x, own.next_state)
     K, r0 = affine(own.implicit, low.z, where)
     xn, dx = cs.SX.sym("xn", target.state.nx), cs.SX.sym("dx", source.state.ndx)
     groups = [own.implicit, target.state.minus(x_next, xn)]

@@ -25,6 +25,11 @@ class Values(cs.SX):  # type: ignore[misc]  # casadi has no stubs
         return super().__getitem__(key)
 
 
+def column(value: Any) -> cs.SX:
+    """Return what a user's function gave - an expression, a number, an array or a list of these - as one column."""
+    return cs.vec(cs.vertcat(*value) if isinstance(value, list | tuple) else cs.SX(value))
+
+
 class NodeView:
     """The quantities of one node: ``s.joints.position``, ``s.frames["FL_KFE"].position[2]``, ``s.vz``.
 

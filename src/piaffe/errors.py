@@ -33,8 +33,9 @@ class UnknownNameError(ModelError, KeyError):
     def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
         self.name = name
         self.known = tuple(known)
-        close = get_close_matches(name, self.known, n=3, cutoff=0.4)
-        advice = f"did you mean {' or '.join(map(repr, close))}?" if close else "use one of the names that exist"
+        close = " or ".join(map(repr, get_close_matches(name, self.known, n=3, cutoff=0.4)))
+        self.hint = f" (did you mean {close}?)" if close else ""
+        advice = f"did you mean {close}?" if close else "use one of the names that exist"
         super().__init__(f"{where}: no {what} '{name}' - got '{name}', expected one of {list(self.known)}; {advice}")
 
     def __str__(self) -> str:  # KeyError would print the quoted repr
