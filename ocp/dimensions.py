@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .batch import Batch
-from .checks import solve_implicit
+from .checks import Guess
 from .compiled import CompiledPhase, CompiledProblem
 from .lowering import Row
 from .term import Constraint, Cost
 
 Array = NDArray[np.float64]
+
+_SIMPLE = ("m", "s", "rad", "N", "kg", "J", "W")  # units that need no brackets
 
 
 @dataclass(frozen=True)
@@ -96,17 +97,14 @@ def report(compiled: CompiledProblem) -> tuple[list[CostReport], list[Constraint
 
 
 def _tables(phase: CompiledPhase) -> Iterator[_Table]:
-    f, x, u = phase.mode.functions, phase.guess_states, phase.guess_controls
-    K, r0 = Batch(f["implicit"])(x[:-1], u, phase.p)
-    _, residual, g, h = Batch(f["stage"])(x[:-1], u, solve_implicit(K, r0), phase.p)
-    end_residual, end_g, end_h = Batch(f["terminal"])(x[-1:], phase.p_end[None])
-    rows = phase.mode.rows
-    yield _Table("cost", rows["stage_residual"], residual, phase.weight, phase.dt)
-    yield _Table("inequality", rows["stage_g"], g, phase.g_mask, phase.dt)
-    yield _Table("equality", rows["stage_h"], h, phase.h_mask, phase.dt)
-    yield _Table("cost", rows["terminal_residual"], end_residual, phase.end_weight[None], 1.0)
-    yield _Table("inequality", rows["terminal_g"], end_g, phase.end_g_mask[None], 1.0)
-    yield _Table("equality", rows["terminal_h"], end_h, phase.end_h_mask[None], 1.0)
+    guess, rows = Guess(phase), phase.mode.rows
+    stage, end = guess.stage, guess.terminal
+    yield _Table("cost", rows["stage_residual"], stage["residual"], phase.weight, phase.dt)
+    yield _Table("inequality", rows["stage_g"], stage["g"], phase.g_mask, phase.dt)
+    yield _Table("equality", rows["stage_h"], stage["h"], phase.h_mask, phase.dt)
+    yield _Table("cost", rows["terminal_residual"], end["residual"], phase.end_weight[None], 1.0)
+    yield _Table("inequality", rows["terminal_g"], end["g"], phase.end_g_mask[None], 1.0)
+    yield _Table("equality", rows["terminal_h"], end["h"], phase.end_h_mask[None], 1.0)
 
 
 def _cost(term: Cost, parts: list[tuple[_Table, list[int]]]) -> CostReport:
@@ -144,7 +142,7 @@ def _constraint(
 
 def weight_unit(unit: str, at: str) -> str:
     """Return the unit of a weight whose cost has none: ``"1/(m^2 s)"`` for a running residual in metres."""
-    squared = f"({unit})^2" if any(sign in unit for sign in " /") else f"{unit}^2" if unit else ""
+    squared = f"{unit}^2" if unit in _SIMPLE else f"({unit})^2" if unit else ""
     parts = [part for part in (squared, "s" if at == "running" else "") if part]
     if not parts:
         return "1"

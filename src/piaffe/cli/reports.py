@@ -147,8 +147,8 @@ def print_derivatives(console: Console, findings: list[Finding]) -> None:
         what = "is not smooth here" if not finding.smooth else "disagrees with differences"
         source = f" ({finding.source})" if finding.source else ""
         console.print(
-            f"[red]{finding.term}{source}[/]: {finding.output} by {finding.by} {what} at '{finding.row}' - got an error "
-            f"of {finding.error:.2e}, expected at most {finding.allowed:.2e}; {finding.where}",
+            f"[red]{finding.term}{source}[/]: {finding.output} by {finding.by} {what} at '{finding.row}' - got an "
+            f"error of {finding.error:.2e}, expected at most {finding.allowed:.2e}; {finding.where}",
         )
 
 
