@@ -1,0 +1,67 @@
+"""Rows, masks, bounds and names of the constraints that go with legs."""
+
+from types import SimpleNamespace
+
+import casadi as cs
+import numpy as np
+import pytest
+
+from piaffe import models
+from piaffe.errors import ProblemError
+
+ROBOT = models.load("go2")
+MODEL = SimpleNamespace(name="go2", robot=ROBOT)
+
+
+def rows(expression):
+    return np.array(cs.evalf(cs.SX(expression))).ravel()
+
+
+def node(**feet):
+    return SimpleNamespace(feet=SimpleNamespace(**{key: cs.SX(value) for key, value in feet.items()}))
+
+
+def test_friction_pyramid_has_five_faces_per_foot_and_masks_feet_in_the_air():
+    friction = models.friction_cone(mu=0.5)
+    force = [1.0, -2.0, 10.0, 0, 0, 0, 6.0, 0, 10.0, 0, 0, -3.0]
+    s = node(force=force, contact=[1, 0, 1, 1])
+    faces = rows(friction.function(s, mu=cs.SX(friction.parameters["mu"]))).reshape(4, 5)
+    assert faces[0] == pytest.approx([10, 4, 6, 7, 3])
+    assert faces[2] == pytest.approx([10, -1, 11, 5, 5])
+    assert faces[3].min() < 0
+    assert rows(friction.mask(s)).reshape(4, 5).tolist() == [[1] * 5, [0] * 5, [1] * 5, [1] * 5]
+    assert friction.labels(MODEL)[5:7] == ["FR normal", "FR -x"]
+
+
+def test_two_friction_cones_share_their_code():
+    assert models.friction_cone(0.4).structure() == models.friction_cone(0.8).structure()
+
+
+@pytest.mark.parametrize(
+    ("constraint", "lower", "upper"),
+    [
+        (models.torque_limits(0.5), -0.5 * ROBOT.torque_limit, 0.5 * ROBOT.torque_limit),
+        (models.joint_limits(0.1), ROBOT.joint_lower + 0.1, ROBOT.joint_upper - 0.1),
+        (models.joint_speed_limits(), -ROBOT.joint_speed_limit, ROBOT.joint_speed_limit),
+    ],
+)
+def test_joint_bounds_are_the_robot_s(constraint, lower, upper):
+    assert constraint.bound("lower", MODEL, 12) == pytest.approx(lower)
+    assert constraint.bound("upper", MODEL, 12) == pytest.approx(upper)
+    assert constraint.labels(MODEL) == ROBOT.joint_names
+
+
+def test_clearance_concerns_feet_in_the_air_that_have_not_just_left():
+    clearance = models.foot_clearance()
+    s = node(contact=[1, 0, 0, 1], lifting=[0, 1, 0, 0], height=[0.0, 0.01, 0.02, 0.03])
+    assert rows(clearance.mask(s)).tolist() == [0, 0, 1, 0]
+    assert rows(clearance.function(s)) == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_numbers_out_of_range_are_refused():
+    with pytest.raises(
+        ProblemError, match=r"friction_cone: mu is out of range - got -0\.1, expected a positive number"
+    ):
+        models.friction_cone(mu=-0.1)
+    with pytest.raises(ProblemError, match=r"joint_limits: margin is out of range - got -1, expected a number ≥ 0"):
+        models.joint_limits(-1)
