@@ -1,7 +1,7 @@
 """Constraints that go with legs: friction, torques, joints, the base and the feet, for any robot model.
 
 Each function returns an ``ocp`` constraint; rows of feet that it does not concern are masked. The functions of rows
-stand at module level so that two constraints of one kind share their generated code.
+and labels stand at module level so that two constraints of one kind share their generated code.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def friction_cone(mu: float = 0.6) -> Any:
         unit="N",
         mask=_pyramid_contact,
         parameters={"mu": mu},
-        labels=lambda model: [f"{foot.name} {face}" for foot in model.robot.feet for face in _PYRAMID],
+        labels=_faces,
     )
 
 
@@ -96,7 +96,7 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
         lower=minimum,
         when=when,
         mask=_swing,
-        labels=lambda model: [foot.name for foot in model.robot.feet],
+        labels=_feet,
     )
 
 
@@ -139,6 +139,15 @@ def _swing(s: Any) -> Any:
 
 def _joints(model: Any) -> tuple[str, ...]:
     names: tuple[str, ...] = model.robot.joint_names
+    return names
+
+
+def _faces(model: Any) -> tuple[str, ...]:
+    return tuple(f"{foot.name} {face}" for foot in model.robot.feet for face in _PYRAMID)
+
+
+def _feet(model: Any) -> tuple[str, ...]:
+    names: tuple[str, ...] = model.robot.foot_names
     return names
 
 

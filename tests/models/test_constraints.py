@@ -30,11 +30,13 @@ def test_friction_pyramid_has_five_faces_per_foot_and_masks_feet_in_the_air():
     assert faces[2] == pytest.approx([10, -1, 11, 5, 5])
     assert faces[3].min() < 0
     assert rows(friction.mask(s)).reshape(4, 5).tolist() == [[1] * 5, [0] * 5, [1] * 5, [1] * 5]
-    assert friction.labels(MODEL)[5:7] == ["FR normal", "FR -x"]
+    assert friction.labels(MODEL)[5:7] == ("FR normal", "FR -x")
 
 
-def test_two_friction_cones_share_their_code():
+def test_constraints_of_one_kind_share_their_code():
     assert models.friction_cone(0.4).structure() == models.friction_cone(0.8).structure()
+    assert models.foot_clearance(0.0).structure() == models.foot_clearance(0.01).structure()
+    assert models.torque_limits(0.5).labels is models.torque_limits().labels
 
 
 @pytest.mark.parametrize(
