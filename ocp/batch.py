@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 class Batch:
     """A CasADi function mapped over n nodes, with buffers kept per n.
 
-    Outputs named ``K`` or ending in ``_w``, ``_z``, ``_x`` are matrices, (n, rows, cols); all others are columns, (n, rows).
+    Outputs named ``K`` or ending in ``_w``, ``_z``, ``_x`` are matrices, (n, rows, cols); all others are columns,
+    (n, rows).
 
     Args:
         function: a function of dense columns and dense outputs.
@@ -44,10 +45,10 @@ class Batch:
                     raise ValueError(
                         f"function '{self.function.name()}', input '{name}': got {argument.size}, expected {n} x {size}"
                     )
-                buffer.set_arg(i, memoryview(argument) if size else memoryview(_NOTHING))
+                buffer.set_arg(i, (argument if size else _NOTHING).data)
             flat = [r.reshape(-1) for r in results]
             for i, result in enumerate(flat):
-                buffer.set_res(i, memoryview(result) if result.size else memoryview(_NOTHING.copy()))
+                buffer.set_res(i, (result if result.size else _NOTHING.copy()).data)
             run()
         return [
             r.swapaxes(1, 2) if matrix else r.reshape(n, -1) for r, matrix in zip(results, self._is_matrix, strict=True)

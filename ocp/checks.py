@@ -54,8 +54,10 @@ def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
         for term in segment.excluded:
             if term not in terms:
                 raise ProblemError(
-                    f"schedule ({segment.source}), model '{segment.model.name}': leaves out a term that is not in the problem - "
-                    f"got '{term.name}' ({term.source}), expected one of its terms; pass the very object that the problem has"
+                    f"schedule ({segment.source}), model '{segment.model.name}': leaves out a term that is not in the "
+                    "problem - "
+                    f"got '{term.name}' ({term.source}), expected one of its terms; pass the very object that the "
+                    "problem has"
                 )
 
 
@@ -162,8 +164,10 @@ def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) 
                     node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
                     got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
                     raise ProblemError(
-                        f"{_owner(compiled, guess.phase, group, name, row)}, phase '{guess.phase.name}', node {first + node}: "
-                        f"{what} at the initial guess is not finite - got {got}, expected finite numbers; move the guess or "
+                        f"{_owner(compiled, guess.phase, group, name, row)}, phase '{guess.phase.name}', node "
+                        f"{first + node}: "
+                        f"{what} at the initial guess is not finite - got {got}, expected finite numbers; move the "
+                        "guess or "
                         "the term away from the singularity"
                     )
 

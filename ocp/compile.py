@@ -137,13 +137,13 @@ class _Compilation:
         mode = _lower(_Structure(model, key, shape, excluded, self.terms))
         self.unbound.update({(model.name, k): why for k, why in mode.unbound.items()})
         n = stretch.num_stages
-        times = stretch.start + segment.dt * np.arange(n + 1)
+        times: Array = stretch.start + segment.dt * np.arange(n + 1.0)
         spans = self.path.intervals(stretch.end + 1e-6)
         inside = [stretch.interval_at(t, spans) for t in times[:-1]]
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
         samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
         p = np.vstack([
-            self.pack(mode, stretch, times[k], inside[k], samples[k], is_end=k == n, is_last=k == n and follower is None)
+            self.pack(mode, stretch, times[k], inside[k], samples[k], is_end=k == n, is_last=k == n and not follower)
             for k in range(n + 1)
         ])  # fmt: skip
         stage = Batch(mode.functions["stage_w"])(p[:-1])
@@ -168,7 +168,7 @@ class _Compilation:
             raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
 
     def neighbour(self, model: ModelBase, interval: Interval | None) -> Hashable | None:
-        """Return the mode of a phase before or after in a model's terms; None if there is none, or it is another model's."""
+        """Return the mode of a phase before or after in a model's terms; None if it has none or another model's."""
         try:
             return None if interval is None else model.resolve(interval.phase.mode)
         except (ModelError, ProblemError):
@@ -183,7 +183,15 @@ class _Compilation:
         return Node(t, self.resolve(model, interval.phase), after, sample, before, steps)
 
     def pack(
-        self, mode: LoweredMode, stretch: Stretch, t: float, interval: Interval, sample: Sample, *, is_end: bool, is_last: bool
+        self,
+        mode: LoweredMode,
+        stretch: Stretch,
+        t: float,
+        interval: Interval,
+        sample: Sample,
+        *,
+        is_end: bool,
+        is_last: bool,
     ) -> Array:
         """Return the parameter row of one node."""
         phase = interval.phase
@@ -197,7 +205,7 @@ class _Compilation:
             if applies and k in mode.bound:
                 self.applied.add(k)
             self.term_numbers(values, mode, k, term, phase, applies, sample)
-        return mode.layout.pack(values, 1)[0]
+        return np.asarray(mode.layout.pack(values, 1)[0])
 
     def model_numbers(self, model: ModelBase, dt: float, node: Node) -> dict[str, Array]:
         """Return dt and the model's slots: node values over the user's over defaults."""
@@ -217,7 +225,9 @@ class _Compilation:
         """Return a parameter's value; raise if it has not the size of its default."""
         if given.size != size:
             where = f"problem ({self.problem.source}), parameter '{name}'"
-            raise ShapeError(f"{where}: wrong size - got {given.size} entries, expected {size}; give as many as the default has")
+            raise ShapeError(
+                f"{where}: wrong size - got {given.size} entries, expected {size}; give as many as the default has"
+            )
         return given
 
     def user_numbers(self, parameters: tuple[Parameter, ...]) -> dict[str, Array]:
@@ -230,7 +240,14 @@ class _Compilation:
         return values
 
     def term_numbers(
-        self, values: dict[str, Array], mode: LoweredMode, k: int, term: Term, phase: Phase, applies: bool, sample: Sample
+        self,
+        values: dict[str, Array],
+        mode: LoweredMode,
+        k: int,
+        term: Term,
+        phase: Phase,
+        applies: bool,
+        sample: Sample,
     ) -> None:
         """Add a term's weights, targets, bounds and parameters to a node's values."""
         slots = mode.layout.slices
@@ -246,7 +263,7 @@ class _Compilation:
             for side in ("lower", "upper"):
                 if f"term{k}.{side}" in slots:
                     size = slots[f"term{k}.{side}"].stop - slots[f"term{k}.{side}"].start
-                    bound = term.bound(side, mode.model, size)  # type: ignore[arg-type]  # one of the two literals
+                    bound = term.bound(side, mode.model, size)
                     finite = np.isfinite(bound)
                     values[f"term{k}.{side}"] = np.where(finite, bound, 0.0)
                     values[f"term{k}.has_{side}"] = finite.astype(float)
@@ -263,20 +280,20 @@ class _Compilation:
         """Return a cost's target at a node: its own, or the path's."""
         quantity = term.quantity
         assert quantity is not None  # only tracked quantities have a target slot
-        value = term.target
+        value: Array | None = term.target
         if value is not None and value.size == 0:  # a regularised rotation
-            return np.eye(4)[0]
+            return np.array([1.0, 0.0, 0.0, 0.0])
         if value is None:
-            value = next((given for q, given in sample.items() if q.path == quantity.path), None)
+            found = next((given for q, given in sample.items() if q.path == quantity.path), None)
+            value = None if found is None else np.atleast_1d(np.asarray(found, dtype=float))
         elif size == 4 and value.size == 3 and len(labels) == 3:  # of a rotation, as roll, pitch, yaw
             value = rotation.np_from_rpy(value)
         if value is None:
             supplied = sorted(q.path for q in sample)
             raise ProblemError(
-                f"term '{term.name}' ({term.source}): the motion has no target for it - got targets {supplied}, expected "
-                f"'{quantity}'; give to=..., or put it in the keyframes or the reference"
+                f"term '{term.name}' ({term.source}): the motion has no target for it - got targets {supplied}, "
+                f"expected '{quantity}'; give to=..., or put it in the keyframes or the reference"
             )
-        value = np.atleast_1d(np.asarray(value, dtype=float))
         if value.size != size:
             names = "roll, pitch, yaw" if len(labels) < size else ", ".join(labels)
             raise ShapeError(
@@ -318,7 +335,7 @@ class _Compilation:
                 row[block.quantity] = np.asarray(value, dtype=float)
             rows.append(model.state.pack(row))
         controls = [
-            model.control.pack({b.quantity: np.asarray(s.get(b.quantity, np.zeros(b.nx))) for b in model.control.blocks})
+            model.control.pack({b.quantity: s.get(b.quantity, np.zeros(b.nx)) for b in model.control.blocks})
             if model.control.blocks else np.zeros(0)
             for s in samples[:-1]
         ]  # fmt: skip
@@ -344,9 +361,13 @@ class _Compilation:
                 continue
             if binds:
                 names = ", ".join(dict.fromkeys(f"'{phase.name}'" for phase in phases))
-                whys.append(f"it is meant for {_phases_of(term)} at '{term.at}', and no such phase among {names} has a model with it")
+                whys.append(
+                    f"it is meant for {_phases_of(term)} at '{term.at}', and no such phase among {names} has a model "
+                    "with it"
+                )
             raise ProblemError(
-                f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one model "
+                f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one "
+                "model "
                 "and phase; correct it or remove it"
             )
         for name in sorted(set(self.problem.parameters) - self.used_parameters):

@@ -8,7 +8,10 @@ from .term import Constraint
 
 def _table(head: list[str], rows: list[list[str]]) -> list[str]:
     widths = [max(len(line[i]) for line in [head, *rows]) for i in range(len(head))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in [head, *rows]]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in [head, *rows]
+    ]
     return [lines[0], "-" * max(map(len, lines)), *lines[1:]]
 
 
@@ -46,7 +49,9 @@ def describe(compiled: CompiledProblem) -> str:
             "; ".join(dict.fromkeys(why)), str(term.source),
         ])  # fmt: skip
     lines.append("")
-    lines += _table(["term", "kind", "at", "unit", "rows", "bound in", "phases", "not bound because", "declared"], terms)
+    lines += _table(
+        ["term", "kind", "at", "unit", "rows", "bound in", "phases", "not bound because", "declared"], terms
+    )
     notices = list(dict.fromkeys(notice for model in models for notice in model.notices(compiled.path)))
     if notices:
         lines += ["", "warnings", "--------"] + [f"{n.where}: {n.text}" for n in notices]

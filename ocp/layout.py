@@ -39,7 +39,8 @@ class Layout:
             value = np.asarray(values[name], dtype=float)
             if value.shape[-1:] != (part.stop - part.start,):
                 raise ShapeError(
-                    f"parameter '{name}': wrong size - got {value.shape[-1:]}, expected {part.stop - part.start} entries"
+                    f"parameter '{name}': wrong size - got {value.shape[-1:]}, expected {part.stop - part.start} "
+                    "entries"
                 )
             out[:, part] = value
         return out

@@ -99,7 +99,9 @@ class _Piece:
 class Lowering:
     """Builds a :class:`LoweredMode`; lives only while doing so."""
 
-    def __init__(self, model: ModelBase, key: str, terms: tuple[Cost | Constraint, ...], excluded: frozenset[int]) -> None:
+    def __init__(
+        self, model: ModelBase, key: str, terms: tuple[Cost | Constraint, ...], excluded: frozenset[int]
+    ) -> None:
         self.model, self.key, self.terms = model, key, terms
         self.excluded = excluded
         self.x = cs.SX.sym("x", model.state.nx)
@@ -122,10 +124,11 @@ class Lowering:
         return self.slots[name]
 
     def check_symbols(self, where: str, expression: cs.SX, absent: cs.SX | None = None) -> None:
-        """Adopt user parameters in an expression; raise if it holds a symbol that is not of this node, or absent there."""
+        """Adopt user parameters in an expression; raise if it holds a symbol that is not of this node."""
         if absent is not None and cs.depends_on(expression, absent):
             raise ProblemError(
-                f"{where}: depends on control or contact force where there is none - got an expression of them at the end of "
+                f"{where}: depends on control or contact force where there is none - got an expression of them at the "
+                "end of "
                 "a phase, expected one of the state; change it"
             )
         own = {
@@ -140,7 +143,8 @@ class Lowering:
             if parameter is None:
                 raise ProblemError(
                     f"{where}: a symbol is not from the node's quantities - got '{symbol.name()}', expected only what "
-                    "the function's argument supplies (or an ocp.parameter); compute it inside the function from its argument"
+                    "the function's argument supplies (or an ocp.parameter); compute it inside the function from its "
+                    "argument"
                 )
             self.adopt(parameter)
             own |= {e.element_hash() for e in cs.symvar(parameter)}
@@ -150,7 +154,8 @@ class Lowering:
         name = f"parameter.{parameter.label}"
         if self.parameters.get(name, parameter) is not parameter:
             raise ProblemError(
-                f"parameter '{parameter.label}': two parameters share a name - got two objects, expected one; rename one"
+                f"parameter '{parameter.label}': two parameters share a name - got two objects, expected one; rename "
+                "one"
             )
         self.parameters[name] = parameter
         self.slots[name] = cs.SX(parameter)
@@ -167,11 +172,17 @@ class Lowering:
         result = function(view, **numbers)
         where = f"term '{term.name}' ({term.source})"
         if isinstance(result, NodeView):
-            raise ProblemError(f"{where}: the function returned a group - got a group of quantities, expected numbers; name one of them")  # fmt: skip
+            raise ProblemError(
+                f"{where}: the function returned a group - got a group of quantities, expected numbers; name one of "
+                "them"
+            )
         try:
             rows = column(result)
         except NotImplementedError as error:
-            raise ProblemError(f"{where}: the function's result is unusable - got {type(result).__name__}, expected a CasADi column; return one") from error  # fmt: skip
+            raise ProblemError(
+                f"{where}: the function's result is unusable - got {type(result).__name__}, expected a CasADi column; "
+                "return one"
+            ) from error
         if rows.numel() == 0:
             raise ShapeError(f"{where}: the function returned no rows - got 0, expected at least one; return some")
         self.check_symbols(where, rows)
@@ -188,7 +199,9 @@ class Lowering:
             labels = tuple(str(i) for i in range(rows.numel())) if rows.numel() > 1 else ("",)
             mask, unit, rotates = None, cost.unit, False
         if cost.mask is not None:
-            extra = self.stretch(self.evaluate(view, index, cost.mask, is_mask=True), rows.numel(), f"term '{cost.name}' ({cost.source})")
+            extra = self.stretch(
+                self.evaluate(view, index, cost.mask, is_mask=True), rows.numel(), f"term '{cost.name}' ({cost.source})"
+            )
             mask = extra if mask is None else mask * extra
         weight = self.own(f"term{index}.weight", rows.numel())
         names = tuple(Row(index, label, unit, rotates=rotates) for label in labels)
@@ -206,9 +219,15 @@ class Lowering:
     def stretch(self, mask: cs.SX, count: int, where: str) -> cs.SX:
         """Return a mask with one entry per row; a mask of fewer entries is repeated blockwise."""
         if count % mask.numel():
-            raise ShapeError(f"{where}: mask has the wrong size - got {mask.numel()} entries, expected a divisor of {count} rows; mend it")  # fmt: skip
+            raise ShapeError(
+                f"{where}: mask has the wrong size - got {mask.numel()} entries, expected a divisor of {count} rows; "
+                "mend it"
+            )
         if cs.depends_on(mask, cs.vertcat(self.x, self.u, self.z)):
-            raise ProblemError(f"{where}: mask depends on state or control - got an expression of x, u or z, expected numbers of the node (contact flags); mend it")  # fmt: skip
+            raise ProblemError(
+                f"{where}: mask depends on state or control - got an expression of x, u or z, expected numbers of the "
+                "node (contact flags); mend it"
+            )
         return cs.kron(mask, cs.SX.ones(count // mask.numel()))
 
     def bind_constraint(self, view: NodeView, index: int, constraint: Constraint) -> _Piece:
@@ -219,7 +238,9 @@ class Lowering:
         labels = constraint.labels(self.model) if callable(constraint.labels) else constraint.labels
         labels = tuple(labels) if labels is not None else tuple(str(i) for i in range(n)) if n > 1 else ("",)
         if len(labels) != n:
-            raise ShapeError(f"{where}: labels do not match the rows - got {len(labels)}, expected {n}; give one per row")
+            raise ShapeError(
+                f"{where}: labels do not match the rows - got {len(labels)}, expected {n}; give one per row"
+            )
         mask = cs.SX.ones(n) * self.own(f"term{index}.active", 1)
         if constraint.mask is not None:
             mask = mask * self.stretch(self.evaluate(view, index, constraint.mask, is_mask=True), n, where)
@@ -266,7 +287,8 @@ class Lowering:
             needs = cs.depends_on(piece.rows, cs.vertcat(self.u, self.z)) if self.u.numel() + self.z.numel() else False
             if term.at != "running" and needs:
                 raise ProblemError(
-                    f"term '{term.name}' ({term.source}): depends on control or contact force where there is none - got "
+                    f"term '{term.name}' ({term.source}): depends on control or contact force where there is none - "
+                    "got "
                     f"at='{term.at}', expected at='running' or an expression of the state; change one"
                 )
             if term.at == "running":
@@ -287,7 +309,8 @@ class Lowering:
             parameters=tuple(self.parameters.values()),
             nz=self.z.numel(),
             functions=self.make_functions(dynamics, stage, terminal, p),
-            rows={f"stage_{k}": _rows(v) for k, v in stage.items()} | {f"terminal_{k}": _rows(v) for k, v in terminal.items()},
+            rows={f"stage_{k}": _rows(v) for k, v in stage.items()}
+            | {f"terminal_{k}": _rows(v) for k, v in terminal.items()},
             outputs=tuple((q, dynamics.quantities.bind(q).value.numel()) for q in dynamics.outputs),
             bound=tuple(bound),
             unbound=self.unbound,
@@ -313,23 +336,32 @@ class Lowering:
             values = [cs.densify(value) for value in outs.values()]
             return cs.Function(name, list(inputs.values()), values, list(inputs), list(outs), {"cse": True})
 
-        weights = [_stack([i.weight * i.mask for i in group["residual"] if i.weight is not None]) for group in (stage, terminal)]
+        weights = [
+            _stack([i.weight * i.mask for i in group["residual"] if i.weight is not None])
+            for group in (stage, terminal)
+        ]
         masks = [[_stack([i.mask for i in group[k]]) for k in ("g", "h")] for group in (stage, terminal)]
         xuzp = {"x": x, "u": u, "z": z, "p": p}
         return {
             "implicit": make("implicit", {"x": x, "u": u, "p": p}, {"K": K, "r0": r0}),
             "stage": make("stage", xuzp, {"x_next": dynamics.next_state, **rows}),
             "stage_d": make(
-                "stage_d", {**xuzp, "xn": xn},
-                {"r_w": by_w[0]} | dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
+                "stage_d",
+                {**xuzp, "xn": xn},
+                {"r_w": by_w[0]}
+                | dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
                 | dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True)),
             ),
             "stage_w": make("stage_w", {"p": p}, {"weight": weights[0], "g_mask": masks[0][0], "h_mask": masks[0][1]}),
             "terminal": make("terminal", {"x": x, "p": p}, end),
-            "terminal_d": make("terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}),
-            "terminal_w": make("terminal_w", {"p": p}, {"weight": weights[1], "g_mask": masks[1][0], "h_mask": masks[1][1]}),
+            "terminal_d": make(
+                "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
+            ),
+            "terminal_w": make(
+                "terminal_w", {"p": p}, {"weight": weights[1], "g_mask": masks[1][0], "h_mask": masks[1][1]}
+            ),
             "outputs": make("outputs", xuzp, {"outputs": outputs}),
-        }  # fmt: skip
+        }
 
 
 def _rows(pieces: list[_Piece]) -> tuple[Row, ...]:
@@ -343,10 +375,15 @@ def _stack(parts: list[cs.SX]) -> cs.SX:
 def affine(implicit: cs.SX, z: cs.SX, where: str) -> tuple[cs.SX, cs.SX]:
     """Return K and r0 of r = r0 + K z; raise if r is not affine in z."""
     if z.numel() != implicit.numel():
-        raise ShapeError(f"{where}: implicit part has the wrong size - got {implicit.numel()} rows, expected {z.numel()}")
+        raise ShapeError(
+            f"{where}: implicit part has the wrong size - got {implicit.numel()} rows, expected {z.numel()}"
+        )
     K = cs.jacobian(implicit, z)
     if z.numel() and cs.depends_on(K, z):
-        raise ProblemError(f"{where}: the implicit part is not affine in z - got a Jacobian that depends on z, expected one that does not")  # fmt: skip
+        raise ProblemError(
+            f"{where}: the implicit part is not affine in z - got a Jacobian that depends on z, expected one that does "
+            "not"
+        )
     return K, cs.substitute(implicit, z, cs.SX.zeros(z.numel()))
 
 

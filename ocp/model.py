@@ -176,7 +176,7 @@ class ModelBase(ABC):
         return None
 
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
-        """Translate a keyframe's entries to quantities; a rotation is given as roll-pitch-yaw (3,), with its winding."""
+        """Translate a keyframe's entries to quantities; a rotation as roll-pitch-yaw, (3,), with its winding."""
         targets: dict[Quantity, Array] = {}
         known = {b.quantity.path: b for b in (*self.state.blocks, *self.control.blocks)}
         for path, value in values.items():

@@ -81,7 +81,9 @@ class Motion:
             raise ProblemError(f"motion ({self.source}): no phases - got none, expected at least one ocp.Phase; add it")
         for phase in (*once, *phases):
             if not isinstance(phase, Phase):
-                raise ProblemError(f"motion ({self.source}): not a phase - got {phase!r}, expected an ocp.Phase; make one")
+                raise ProblemError(
+                    f"motion ({self.source}): not a phase - got {phase!r}, expected an ocp.Phase; make one"
+                )
         if not cyclic:
             once, phases = once + phases, ()
         piece = Piece(once, phases, None if cyclic else 0, reference or Keyframes())
@@ -123,7 +125,9 @@ class Motion:
     def cycles(self, n: int) -> Motion:
         """Return the motion with its cycle run n times (a motion that is not cyclic is repeated whole)."""
         if n < 1:
-            raise ProblemError(f"motion ({self.source}): cycles is out of range - got {n}, expected at least 1; raise it")
+            raise ProblemError(
+                f"motion ({self.source}): cycles is out of range - got {n}, expected at least 1; raise it"
+            )
         last = self.pieces[-1]
         if last.cycle:
             return Motion._of((*self.pieces[:-1], replace(last, repeats=n)), self.source)

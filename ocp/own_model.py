@@ -54,13 +54,21 @@ class Model(ModelBase):
     ) -> None:
         super().__init__(name, _blocks(state), _blocks(control or {}))
         if not modes:
-            raise ModelError(f"model '{name}': no modes - got none, expected at least one dynamics function; give modes=")
+            raise ModelError(
+                f"model '{name}': no modes - got none, expected at least one dynamics function; give modes="
+            )
         if integrator not in ("euler", "rk4", "discrete"):
-            raise ModelError(f"model '{name}': integrator is unknown - got {integrator!r}, expected 'euler', 'rk4' or 'discrete'; choose one")  # fmt: skip
+            raise ModelError(
+                f"model '{name}': integrator is unknown - got {integrator!r}, expected 'euler', 'rk4' or 'discrete'; "
+                "choose one"
+            )
         names = [*state, *(control or {}), *(quantities or {})]
         twice = sorted({key for key in names if names.count(key) > 1})
         if twice:
-            raise ModelError(f"model '{name}': names are not unique - got {twice} twice, expected each state, control and quantity once; rename one")  # fmt: skip
+            raise ModelError(
+                f"model '{name}': names are not unique - got {twice} twice, expected each state, control and quantity "
+                "once; rename one"
+            )
         object.__setattr__(self, "source", caller())
         object.__setattr__(self, "modes", dict(modes))
         object.__setattr__(self, "extra", dict(quantities or {}))
@@ -107,14 +115,23 @@ class Model(ModelBase):
         for block in self.state.blocks:
             path = block.quantity.path
             if path not in given:
-                raise ModelError(f"model '{self.name}', mode '{key}': a state has no derivative - got {sorted(given)}, expected also '{path}'; return it")  # fmt: skip
+                raise ModelError(
+                    f"model '{self.name}', mode '{key}': a state has no derivative - got {sorted(given)}, expected "
+                    f"also '{path}'; return it"
+                )
             value = column(given.pop(path))
             size = block.nx if self.integrator == "discrete" else block.ndx
             if value.numel() != size:
-                raise ShapeError(f"model '{self.name}', mode '{key}': '{path}' has the wrong size - got {value.numel()}, expected {size}; return as many")  # fmt: skip
+                raise ShapeError(
+                    f"model '{self.name}', mode '{key}': '{path}' has the wrong size - got {value.numel()}, expected "
+                    f"{size}; return as many"
+                )
             parts.append(value)
         if given:
-            raise ModelError(f"model '{self.name}', mode '{key}': unknown states - got {sorted(given)}, expected {[b.quantity.path for b in self.state.blocks]}; rename them")  # fmt: skip
+            raise ModelError(
+                f"model '{self.name}', mode '{key}': unknown states - got {sorted(given)}, expected "
+                f"{[b.quantity.path for b in self.state.blocks]}; rename them"
+            )
         return cs.vertcat(*parts)
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:

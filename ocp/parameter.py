@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ProblemError
 
 
-class Parameter(cs.SX):  # type: ignore[misc]  # casadi has no stubs
+class Parameter(cs.SX):
     """A named number or column of numbers, used in a user's functions like any CasADi expression."""
 
     def __init__(self, name: str, value: ArrayLike) -> None:
         self.value: NDArray[np.float64] = np.atleast_1d(np.asarray(value, dtype=float))
         if self.value.ndim != 1 or not np.all(np.isfinite(self.value)):
             raise ProblemError(
-                f"parameter '{name}': value is unusable - got {value}, expected finite numbers in one column; mend it"
+                f"parameter '{name}': value is unusable - got {value!r}, expected finite numbers in one column; mend it"
             )
         self.label = name
         super().__init__(cs.SX.sym(name, self.value.size))

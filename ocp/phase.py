@@ -107,15 +107,22 @@ class Phase:
         if isinstance(target, Mapping):
             target = Keyframe(**target)
         if target is not None and not isinstance(target, Keyframe):
-            raise ProblemError(f"{where}: target is unusable - got {target!r}, expected a Keyframe or a mapping; make one")
+            raise ProblemError(
+                f"{where}: target is unusable - got {target!r}, expected a Keyframe or a mapping; make one"
+            )
         rows = () if until is None else (until,) if isinstance(until, Constraint) else tuple(until)
         rows = tuple(replace(row, at="phase_end") if row.at == "running" else row for row in rows)
         if reset is not None and not isinstance(reset, ResetMap):
             raise ProblemError(f"{where}: reset is unusable - got {reset!r}, expected ocp.reset(function); wrap it")
         for key, value in {
-            "name": name, "mode": mode, "duration": float(duration), "target": target, "until": rows, "reset": reset,
-            "constraints": constraints or Constraints(), "objective": objective or Objective(), "source": source,
-        }.items():  # fmt: skip
+            "name": name,
+            "mode": mode,
+            "duration": float(duration),
+            "target": target,
+            "until": rows,
+            "reset": reset,
+            "constraints": constraints or Constraints(),
+            "objective": objective or Objective(),
+            "source": source,
+        }.items():
             object.__setattr__(self, key, value)
-
-

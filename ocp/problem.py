@@ -51,18 +51,28 @@ class Problem:
         parameters: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         source = caller()
-        for name, value, kind in (
-            ("motion", motion, Motion), ("schedule", schedule, Schedule), ("objective", objective, Objective),
+        kinds: tuple[tuple[str, object, type], ...] = (
+            ("motion", motion, Motion),
+            ("schedule", schedule, Schedule),
+            ("objective", objective, Objective),
             ("constraints", constraints or Constraints(), Constraints),
-        ):  # fmt: skip
+        )
+        for name, value, kind in kinds:
             if not isinstance(value, kind):
-                raise ProblemError(f"problem ({source}): {name} is unusable - got {type(value).__name__}, expected ocp.{kind.__name__}; make one")  # fmt: skip
-        for key, value in {
-            "motion": motion, "schedule": schedule, "objective": objective, "constraints": constraints or Constraints(),
-            "initial": _initial(initial, schedule, source), "source": source,
+                raise ProblemError(
+                    f"problem ({source}): {name} is unusable - got {type(value).__name__}, expected "
+                    f"ocp.{kind.__name__}; make one"
+                )
+        for key, entry in {
+            "motion": motion,
+            "schedule": schedule,
+            "objective": objective,
+            "constraints": constraints or Constraints(),
+            "initial": _initial(initial, schedule, source),
+            "source": source,
             "parameters": {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in (parameters or {}).items()},
-        }.items():  # fmt: skip
-            object.__setattr__(self, key, value)
+        }.items():
+            object.__setattr__(self, key, entry)
 
     def with_parameters(self, **values: ArrayLike) -> Problem:
         """Return the problem with other values of parameters; nothing is rebuilt."""
@@ -98,5 +108,8 @@ def _initial(initial: ArrayLike, schedule: Schedule, source: Source) -> Array:
         )
     if not np.all(np.isfinite(x0)):
         bad = [int(i) for i in np.flatnonzero(~np.isfinite(x0))]
-        raise ProblemError(f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite numbers; mend it")  # fmt: skip
+        raise ProblemError(
+            f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite "
+            "numbers; mend it"
+        )
     return head.state.np_normalise(x0)

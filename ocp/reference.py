@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ProblemError, UnknownNameError
+from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 
 from . import rotation
 from .frame import PlanarFrame, carry, relative
@@ -20,6 +20,7 @@ from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from .motion import Piece
+    from .phase import Phase
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ class BoundReference(ABC):
 
     @abstractmethod
     def sample(self, t: float, phase: int) -> Sample:
-        """Return the targets at local time t [s]; ``phase`` (running index in the piece) decides the side of a boundary."""
+        """Return the targets at local time t [s]; ``phase``, running index in the piece, decides the side of a jump."""
 
 
 class Reference(ABC):
@@ -63,7 +64,7 @@ class _Curve:
         i = int(np.searchsorted(self.times, t + side * 1e-9, side="right")) - 1
         if i < 0 or i >= last:
             return np.zeros(self.values.shape[1])
-        return (self.values[i + 1] - self.values[i]) / (self.times[i + 1] - self.times[i])
+        return np.asarray((self.values[i + 1] - self.values[i]) / (self.times[i + 1] - self.times[i]))
 
 
 @dataclass(frozen=True)
@@ -100,24 +101,88 @@ class BoundKeyframes(BoundReference):
         return sample
 
 
-@dataclass(frozen=True)
-class KeyframeModels:
-    """Several models that share a motion: each entry of a keyframe goes to the first that knows it."""
+def translate(models: tuple[ModelBase, ...], values: Mapping[str, object]) -> dict[Quantity, Array]:
+    """Translate a keyframe of a motion that several models share: each entry goes to the first that knows it."""
+    targets: dict[Quantity, Array] = {}
+    for name, value in values.items():
+        errors = []
+        for model in models:
+            try:
+                targets.update(model.keyframe({name: value}))
+                break
+            except UnknownNameError as error:
+                errors.append(error)
+        else:
+            raise errors[0]
+    return targets
 
-    models: tuple[ModelBase, ...]
 
-    def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
-        """Translate a keyframe's entries to quantities."""
-        targets: dict[Quantity, Array] = {}
-        for name, value in values.items():
-            for number, model in enumerate(self.models):
-                try:
-                    targets.update(model.keyframe({name: value}))
-                    break
-                except UnknownNameError:
-                    if number == len(self.models) - 1:
-                        self.models[0].keyframe({name: value})
-        return targets
+def lay_knots(
+    models: tuple[ModelBase, ...], phases: tuple[Phase, ...], start: Sample, frame: PlanarFrame
+) -> BoundKeyframes:
+    """Return the path through the keyframes of phases in order; quantities without any keep their starting value."""
+    knots: dict[Quantity, list[tuple[float, Array]]] = {}
+    t = 0.0
+    for phase in phases:
+        t += phase.duration
+        for quantity, value in translate(models, phase.target.values if phase.target else {}).items():
+            if quantity.kind == "rotation":
+                value = value + np.array([0.0, 0.0, frame[2]])
+            else:
+                value = carry({quantity: value}, frame)[quantity]
+            if quantity not in knots:
+                first: Array = np.asarray(start.get(quantity, np.zeros_like(value)), dtype=float)
+                if quantity.kind == "rotation":
+                    first = _angles(first, value, frame[2]) if quantity in start else np.zeros(3)
+                knots[quantity] = [(0.0, first)]
+            knots[quantity].append((t, value))
+    curves = {
+        quantity: _Curve(np.array([k[0] for k in pairs]), np.array([k[1] for k in pairs]))
+        for quantity, pairs in knots.items()
+    }
+    blocks = [block for model in models for block in model.state.blocks]
+    rates = {block.quantity: block.rate_of for block in blocks if block.rate_of is not None}
+    return BoundKeyframes(curves, rates, np.cumsum([phase.duration for phase in phases]), start)
+
+
+def _angles(q: Array, toward: Array, yaw: float) -> Array:
+    """Return a quaternion's roll, pitch, yaw: of the two triples within a turn the one nearer to where the path goes.
+
+    Beyond a pitch of a quarter turn that is not the usual one. The yaw is on the branch of the frame's.
+    """
+    usual = rotation.np_to_rpy(q)
+    other = _wrapped(np.array([usual[0] + np.pi, np.pi - usual[1], usual[2] + np.pi]))
+    nearer = min(usual, other, key=lambda angles: float(np.linalg.norm(_wrapped(angles - toward))))
+    return np.asarray(nearer + np.array([0.0, 0.0, 2 * np.pi * round((yaw - nearer[2]) / (2 * np.pi))]))
+
+
+def _wrapped(angles: Array) -> Array:
+    return np.asarray(angles - 2 * np.pi * np.round(angles / (2 * np.pi)))
+
+
+class BoundLaps(BoundReference):
+    """Keyframes of a cyclic piece: what runs once, then cycles, each beginning where the one before it ended."""
+
+    def __init__(self, models: tuple[ModelBase, ...], piece: Piece, start: Sample, frame: PlanarFrame) -> None:
+        self.models, self.piece = models, piece
+        phases = piece.once or piece.cycle
+        self._laps = [(0.0, phases, lay_knots(models, phases, start, frame))]
+
+    def sample(self, t: float, phase: int) -> Sample:
+        """Return the targets; the running index of the phase says in which cycle."""
+        once, cycle = len(self.piece.once), len(self.piece.cycle)
+        lap, index = divmod(phase - once, cycle) if phase >= once else (-1, phase)
+        began, _, knots = self._lap(lap + bool(once))
+        return knots.sample(t - began, index)
+
+    def _lap(self, number: int) -> tuple[float, tuple[Phase, ...], BoundKeyframes]:
+        while len(self._laps) <= number:
+            began, phases, knots = self._laps[-1]
+            length = sum(phase.duration for phase in phases)
+            end = knots.sample(length, len(phases) - 1)
+            following = lay_knots(self.models, self.piece.cycle, end, self.models[0].planar_frame(end))
+            self._laps.append((began + length, self.piece.cycle, following))
+        return self._laps[number]
 
 
 @dataclass(frozen=True)
@@ -128,36 +193,13 @@ class Keyframes(Reference):
         """Lay the knots; quantities without any keep their starting value."""
         return self.bind_all((model,), piece, start, frame)
 
-    def bind_all(self, models: tuple[ModelBase, ...], piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
-        """Lay the knots of a motion that several models share."""
-        blocks = {b.quantity: b for model in models for b in model.state.blocks}
-        resolver = KeyframeModels(models)
-        knots: dict[Quantity, list[tuple[float, Array]]] = {}
-        t = 0.0
-        for phase in piece.phases:
-            t += phase.duration
-            if phase.target is None:
-                continue
-            for quantity, value in resolver.keyframe(phase.target.values).items():
-                if quantity not in knots:
-                    first = start.get(quantity, np.zeros_like(value))
-                    first = rotation.np_to_rpy(np.asarray(first)) if quantity.kind == "rotation" else np.asarray(first)
-                    knots[quantity] = [(0.0, first)]
-                if quantity.kind == "rotation":
-                    value = value + np.array([0.0, 0.0, frame[2]])
-                    if len(knots[quantity]) == 1:  # the start's own angles lie in (-pi, pi]: begin on the nearest branch
-                        first = knots[quantity][0][1]
-                        first[2] += 2 * np.pi * round((value[2] - first[2]) / (2 * np.pi)) if frame[2] else 0.0
-                else:
-                    value = carry({quantity: value}, frame)[quantity]
-                knots[quantity].append((t, value))
-        curves = {
-            quantity: _Curve(np.array([k[0] for k in pairs]), np.array([k[1] for k in pairs]))
-            for quantity, pairs in knots.items()
-        }
-        rates = {b.quantity: b.rate_of for b in blocks.values() if b.rate_of is not None}
-        ends = np.cumsum([phase.duration for phase in piece.phases])
-        return BoundKeyframes(curves, rates, ends, start)
+    def bind_all(
+        self, models: tuple[ModelBase, ...], piece: Piece, start: Sample, frame: PlanarFrame
+    ) -> BoundReference:
+        """Lay the knots of a motion that several models share; those of a cycle anew at each of its beginnings."""
+        if piece.cycle:
+            return BoundLaps(models, piece, start, frame)
+        return lay_knots(models, piece.phases, start, frame)
 
 
 @dataclass(frozen=True)
@@ -210,15 +252,28 @@ class FromArrays(Reference):
     """
 
     def __init__(self, times: ArrayLike, columns: Mapping[Quantity, ArrayLike]) -> None:
-        self.times = np.asarray(times, dtype=float)
-        self.columns = {q: np.asarray(v, dtype=float).reshape(len(self.times), -1) for q, v in columns.items()}
-        if self.times.ndim != 1 or np.any(np.diff(self.times) <= 0):
-            raise ProblemError("FromArrays: times are unusable - got a sequence that does not increase, expected one that does; sort it")  # fmt: skip
+        self.times: Array = np.asarray(times, dtype=float)
+        if self.times.ndim != 1 or self.times.size == 0 or np.any(np.diff(self.times) <= 0):
+            raise ProblemError(
+                "FromArrays: times are unusable - got a sequence that does not increase, expected one that does; sort "
+                "it"
+            )
+        self.columns: dict[Quantity, Array] = {}
+        for quantity, given in columns.items():
+            values: Array = np.asarray(given, dtype=float)
+            if values.shape[:1] != self.times.shape:
+                raise ShapeError(
+                    f"FromArrays, '{quantity}': wrong number of rows - got {values.shape[:1]}, expected "
+                    f"{self.times.size}, one per time; cut or extend it"
+                )
+            self.columns[quantity] = values.reshape(self.times.size, -1)
         for quantity, values in self.columns.items():
             if not np.all(np.isfinite(values)):
-                raise ProblemError(f"FromArrays, '{quantity}': values are unusable - got NaN or infinity, expected finite numbers; mend them")  # fmt: skip
+                raise ProblemError(
+                    f"FromArrays, '{quantity}': values are unusable - got NaN or infinity, expected finite numbers; "
+                    "mend them"
+                )
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
         """Carry the arrays' origin onto the piece's frame."""
         return _BoundTable(self.times, self.columns, start, frame)
-

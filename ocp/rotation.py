@@ -71,7 +71,7 @@ def np_multiply(a: Array, b: Array) -> Array:
 
 def np_conjugate(q: Array) -> Array:
     """Return the inverse of unit quaternions, (..., 4)."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def np_exp(phi: Array) -> Array:
@@ -86,7 +86,7 @@ def np_log(q: Array) -> Array:
     q = np.where(q[..., :1] < 0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
     safe = np.where(sine > 1e-12, sine, 1.0)
-    return np.where(sine > 1e-12, 2 * np.arctan2(sine, q[..., :1]) / safe, 2.0) * q[..., 1:]
+    return np.asarray(np.where(sine > 1e-12, 2 * np.arctan2(sine, q[..., :1]) / safe, 2.0) * q[..., 1:])
 
 
 def np_matrix(q: Array) -> Array:

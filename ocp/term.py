@@ -115,11 +115,14 @@ class Cost(Term):
             if values.size not in (1, len(labels)):
                 raise ShapeError(
                     f"{where}: weight has the wrong size - got {values.size} entries, expected 1 or {len(labels)} "
-                    f"({', '.join(labels)}) [{self.unit or '-'}]; give one per component, a scalar, or a mapping by name"
+                    f"({', '.join(labels)}) [{self.unit or '-'}]; give one per component, a scalar, or a mapping by "
+                    "name"
                 )
             values = np.broadcast_to(values, (len(labels),)).astype(float)
         if not np.all(np.isfinite(values)) or np.any(values < 0):
-            raise ProblemError(f"{where}: weight is unusable - got {values.tolist()}, expected finite numbers ≥ 0; mend it")
+            raise ProblemError(
+                f"{where}: weight is unusable - got {values.tolist()}, expected finite numbers ≥ 0; mend it"
+            )
         return values
 
 
@@ -194,7 +197,14 @@ def track(
     target = None if to is None else np.atleast_1d(np.asarray(to, dtype=float))
     suffix = "" if at == "running" else f" at {at}"
     return Cost(
-        name=name or f"track {q}{suffix}", quantity=q, weight=weight, at=at, when=when, target=target, mask=mask, unit=q.unit
+        name=name or f"track {q}{suffix}",
+        quantity=q,
+        weight=weight,
+        at=at,
+        when=when,
+        target=target,
+        mask=mask,
+        unit=q.unit,
     )
 
 
@@ -205,7 +215,13 @@ def regularize(
     q = _as_quantity(quantity)
     suffix = "" if at == "running" else f" at {at}"
     return Cost(
-        name=name or f"regularize {q}{suffix}", quantity=q, weight=weight, at=at, when=when, target=np.zeros(0), unit=q.unit
+        name=name or f"regularize {q}{suffix}",
+        quantity=q,
+        weight=weight,
+        at=at,
+        when=when,
+        target=np.zeros(0),
+        unit=q.unit,
     )
 
 
@@ -222,7 +238,7 @@ class Residual:
     def weighted(self, weight: Any, *, at: At = "running", when: When = None, name: str | None = None) -> Cost:
         """Return the cost ½ Σ wᵢ rᵢ²."""
         return Cost(
-            name=name or getattr(self.function, "__name__", "residual"),
+            name=name or _name(self.function, "residual"),
             function=self.function,
             weight=weight,
             at=at,
@@ -256,14 +272,18 @@ def residual(
     return wrap if function is None else wrap(function)
 
 
+def _name(function: Function, otherwise: str) -> str:
+    name = str(getattr(function, "__name__", otherwise))
+    return otherwise if name == "<lambda>" else name
+
+
 def _constraint(
     kind: Literal["inequality", "equality"], function: Function | None, name: str | None, **fields: Any
 ) -> Any:
     source = caller()
 
     def wrap(f: Function) -> Constraint:
-        label = name or getattr(f, "__name__", kind)
-        return Constraint(kind=kind, function=f, name=kind if label == "<lambda>" else label, source=source, **fields)
+        return Constraint(kind=kind, function=f, name=name or _name(f, kind), source=source, **fields)
 
     return wrap if function is None else wrap(function)
 

@@ -18,7 +18,9 @@ class Objective:
     terms: tuple[Cost, ...]
 
     def __init__(self, *terms: Cost | Objective) -> None:
-        object.__setattr__(self, "terms", _flatten(terms, Cost, "objective", "ocp.track, ocp.regularize or .weighted()"))
+        object.__setattr__(
+            self, "terms", _flatten(terms, Cost, "objective", "ocp.track, ocp.regularize or .weighted()")
+        )
 
     def __add__(self, other: Cost | Objective) -> Objective:
         return Objective(self, other)

@@ -57,7 +57,8 @@ def whole_steps(length: float, dt: float, where: str) -> int:
     below = int(length / dt + 1e-9)
     choices = f"{max(below, 1) * dt:g} or {(max(below, 1) + (1 if below else 0)) * dt:g}" if below else f"{dt:g}"
     raise ProblemError(
-        f"{where}: not a whole number of steps - got {length:g} s with dt {dt:g} s, expected {choices} s; choose one, or another dt"
+        f"{where}: not a whole number of steps - got {length:g} s with dt {dt:g} s, expected {choices} s; choose one, "
+        "or another dt"
     )
 
 
@@ -67,18 +68,27 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
     dt0 = schedule.segments[0].dt
     t = round(t0 / dt0) * dt0
     if not 0 <= t < total - _TINY:
-        raise ProblemError(f"horizon: start is outside the motion - got t0 = {t0:g} s, expected 0 ≤ t0 < {total:g} s; choose one inside")  # fmt: skip
+        raise ProblemError(
+            f"horizon: start is outside the motion - got t0 = {t0:g} s, expected 0 ≤ t0 < {total:g} s; choose one "
+            "inside"
+        )
     stretches: list[Stretch] = []
     for segment in schedule.segments:
         where = f"schedule ({segment.source}), model '{segment.model.name}'"
         if segment.duration is None:
             if total == float("inf"):
-                raise ProblemError(f"{where}: the motion never ends - got until_end on a cyclic motion, expected a finite one; use .cycles(n) or .over(duration, dt)")  # fmt: skip
+                raise ProblemError(
+                    f"{where}: the motion never ends - got until_end on a cyclic motion, expected a finite one; use "
+                    ".cycles(n) or .over(duration, dt)"
+                )
             end = total
         else:
             end = t + segment.duration
             if end > total + _TINY:
-                raise ProblemError(f"{where}: the horizon is longer than the motion - got {end:g} s, expected at most {total:g} s; shorten it or add phases")  # fmt: skip
+                raise ProblemError(
+                    f"{where}: the horizon is longer than the motion - got {end:g} s, expected at most {total:g} s; "
+                    "shorten it or add phases"
+                )
         intervals = [i for i in path.intervals(end) if i.end > t + _TINY]
         parts = intervals if segment.model.cut_by_modes else [intervals[0]]
         for interval in parts:

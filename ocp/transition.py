@@ -60,7 +60,10 @@ def lower_transition(
     if user is not None:
         result = user.function(NodeView(dynamics.quantities))
         if not isinstance(result, Mapping):
-            raise ProblemError(f"{where}, reset ({user.source}): result is unusable - got {type(result).__name__}, expected a mapping of state names; return a dict")  # fmt: skip
+            raise ProblemError(
+                f"{where}, reset ({user.source}): result is unusable - got {type(result).__name__}, expected a mapping "
+                "of state names; return a dict"
+            )
         given = {name: column(value) for name, value in result.items()}
     parts = []
     for block in target.state.blocks:
@@ -70,7 +73,8 @@ def lower_transition(
             if value.numel() != block.nx:
                 raise ShapeError(
                     f"{where}, reset ({user.source if user else ''}): '{path}' has the wrong size for the next model "
-                    f"'{target.name}' - got {value.numel()}, expected {block.nx} [{block.quantity.unit}]; return as many"
+                    f"'{target.name}' - got {value.numel()}, expected {block.nx} [{block.quantity.unit}]; return as "
+                    "many"
                 )
             low.check_symbols(f"{where}, reset ({user.source if user else ''})", value, absent)
         elif path in dynamics.quantities and dynamics.quantities.bind(path).value.numel() == block.nx:
@@ -78,12 +82,16 @@ def lower_transition(
         else:
             raise ShapeError(
                 f"{where}: the next model '{target.name}' has a state that '{source.name}' does not supply - got no "
-                f"'{path}', expected {block.nx} entries [{block.quantity.unit}]; return it from a reset map on the phase"
+                f"'{path}', expected {block.nx} entries [{block.quantity.unit}]; return it from a reset map on the "
+                "phase"
             )
         parts.append(value)
     if given:
         names = [b.quantity.path for b in target.state.blocks]
-        raise ProblemError(f"{where}, reset ({user.source if user else ''}): unknown state names - got {sorted(given)}, expected some of {names}; rename them")  # fmt: skip
+        raise ProblemError(
+            f"{where}, reset ({user.source if user else ''}): unknown state names - got {sorted(given)}, expected some "
+            f"of {names}; rename them"
+        )
     x_next = cs.substitute(cs.vertcat(*parts), low.x, own.next_state)
     K, r0 = affine(own.implicit, low.z, where)
     xn, dx = cs.SX.sym("xn", target.state.nx), cs.SX.sym("dx", source.state.ndx)

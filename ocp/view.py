@@ -12,7 +12,7 @@ from .model import Quantities
 from .quantity import Bound
 
 
-class Values(cs.SX):  # type: ignore[misc]  # casadi has no stubs
+class Values(cs.SX):
     """A bound quantity: a CasADi expression whose components can also be taken by name, ``position["FL_HAA"]``."""
 
     def __init__(self, bound: Bound) -> None:
