@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         code = app([a for a in given if a != "--traceback"], prog_name="piaffe", standalone_mode=True)
     except SystemExit as end:
         return int(end.code or 0) if isinstance(end.code, int | None) else FAILED
-    except PiaffeError as error:
+    except (PiaffeError, OSError) as error:
         if show:
             raise
         terminal(stderr=True).print(f"[bold red]error:[/] {_plain(str(error))}", soft_wrap=True)
@@ -177,3 +177,18 @@ def check(
     colour = "red" if failures else "green"
     console.print(f"[bold {colour}]{agreed} of {len(findings)} blocks of derivatives agree[/]")
     raise typer.Exit(FAILED if failures else 0)
+
+
+@app.command()
+def plot(
+    solution: Saved,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="P.png", help="Image or PDF to write.")],
+    title: Annotated[str, typer.Option(help="What stands above; the robot's name by default.")] = "",
+    dpi: Annotated[int, typer.Option(min=30, max=600, help="Pixels per inch.")] = 150,
+) -> None:
+    """Draw base, joints, torques with limits, forces with friction cones, contacts, defects and convergence."""
+    from piaffe.solvers import Solution
+
+    from .figure import plot as draw
+
+    print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")

@@ -1,0 +1,238 @@
+"""What a figure draws of a solution: curves over time by name, unit and colour, and the limits declared for them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import Quantity, rotation
+
+from .style import AXES, LEGS, colours
+
+if TYPE_CHECKING:
+    from piaffe.ocp import PhaseTrajectory
+    from piaffe.solvers import Solution
+
+Array = NDArray[np.float64]
+
+_TITLES = {
+    "base.position": "Base position", "base.orientation": "Base orientation", "base.linear_velocity": "Base velocity",
+    "base.angular_velocity": "Base angular velocity", "joints.position": "angle",
+    "joints.velocity": "speed", "joints.torque": "torque",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One component over time; gaps are NaN.
+
+    Args:
+        label: for the legend.
+        times: [s]. values: as many.
+        colour: of the line.
+        target: the values that the motion asked for, or None.
+        held: whether a value holds until the next time (a control).
+    """
+
+    label: str
+    times: Array
+    values: Array
+    colour: str
+    target: Array | None = None
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One diagram: curves of one unit and, per curve, what its values must lie between.
+
+    Args:
+        title: what is shown. unit: of the vertical axis.
+        curves: what is drawn.
+        bounds: distinct (lower, upper) of the curves, None where there is no bound.
+        legend: whether the curves need names; legs have the colours of their contact bars.
+    """
+
+    title: str
+    unit: str
+    curves: tuple[Curve, ...]
+    bounds: tuple[tuple[float | None, float | None], ...] = field(default=())
+    legend: bool = True
+
+
+def panels(solution: Solution) -> list[Panel]:
+    """Return the panels of a solution's states and controls, joints grouped by their place in the leg."""
+    found = []
+    for quantity, held in _quantities(solution):
+        found += list(_panels(solution, quantity, held))
+    return found
+
+
+def feet_of(solution: Solution) -> list[str]:
+    """Return the names of the feet whose forces are recorded, in order; empty if there are none."""
+    names = []
+    for part in solution.trajectory.phases:
+        for block in part.control.blocks:
+            if block.quantity.path == "feet.force":
+                names += [label.rpartition(" ")[0] for label in block.labels]
+        recipe = solution.models.get(part.model, {}).get("robot", {})
+        names += [foot[0] for foot in recipe.get("feet", ())]
+    return list(dict.fromkeys(names))
+
+
+def forces(solution: Solution) -> tuple[Array, Array]:
+    """Return stage times (n,) and the recorded world forces of the feet (n, nf, 3) [N]; NaN where none are recorded."""
+    count = len(feet_of(solution))
+    times, values = [], []
+    for part in solution.trajectory.phases:
+        stored = next((v for q, v in part.outputs.items() if q.path == "feet.force"), None)
+        n = len(part.controls)
+        known = stored is not None and stored.shape[1] == 3 * count
+        times.append(np.append(part.times[:-1], part.times[-1]))
+        table = stored.reshape(n, count, 3) if stored is not None and known else np.full((n, count, 3), np.nan)
+        values.append(np.concatenate([table, table[-1:]]))
+    return np.concatenate(times), np.concatenate(values)
+
+
+def friction(solution: Solution) -> float | None:
+    """Return μ of the friction cone that was declared, None if there is none."""
+    for limit in solution.limits:
+        if limit["name"].startswith("friction") and "mu" in limit["parameters"]:
+            return float(limit["parameters"]["mu"][0])
+    return None
+
+
+def stance_feet(part: PhaseTrajectory, feet: Sequence[str]) -> list[str] | None:
+    """Return the feet on the ground in a phase, None if its mode is not a contact set."""
+    names = part.mode.split() if part.mode != "flight" else []
+    return names if all(name in feet for name in names) else None
+
+
+# ---- panels
+
+
+def _quantities(solution: Solution) -> Iterator[tuple[Quantity, bool]]:
+    """Yield every state and control quantity once, states first, and whether it is held; forces are drawn elsewhere."""
+    seen: dict[str, tuple[Quantity, bool]] = {}
+    for held in (False, True):
+        for part in solution.trajectory.phases:
+            for block in (part.control if held else part.state).blocks:
+                if block.quantity.path != "feet.force":
+                    seen.setdefault(block.quantity.path, (block.quantity, held))
+    yield from seen.values()
+
+
+def _panels(solution: Solution, quantity: Quantity, held: bool) -> Iterator[Panel]:
+    labels, times, values, targets = _gather(solution, quantity, held)
+    path = quantity.path
+    if path.startswith("joints."):
+        feet = feet_of(solution)
+        bounds = _bounds(solution, path, quantity.unit, labels)
+        for kind, indices, names in _by_kind(labels, feet):
+            palette = [LEGS[feet.index(name) % len(LEGS)] if name in feet else LEGS[0] for name in names]
+            if not any(name in feet for name in names):
+                palette = colours(len(names))
+            yield Panel(
+                f"{kind} {_TITLES.get(path, path)}".strip().capitalize()
+                if kind.islower()
+                else f"{kind} {_TITLES.get(path, path)}",
+                quantity.unit,
+                tuple(
+                    _curve(n, i, times, values, targets, c, held)
+                    for n, i, c in zip(names, indices, palette, strict=True)
+                ),
+                tuple(dict.fromkeys(bounds[i] for i in indices)),
+                legend=not all(name in feet for name in names),
+            )
+        return
+    shown = ("roll", "pitch", "yaw") if quantity.kind == "rotation" else labels
+    palette = list(AXES) if len(shown) == 3 else colours(len(shown))
+    bounds = _bounds(solution, path, quantity.unit, labels)
+    yield Panel(
+        _TITLES.get(path, path), quantity.unit,
+        tuple(_curve(shown[i], i, times, values, targets, palette[i], held) for i in range(len(shown))),
+        tuple(dict.fromkeys(bounds)), legend=any(shown),
+    )  # fmt: skip
+
+
+def _curve(name: str, i: int, times: Array, values: Array, targets: Array | None, colour: str, held: bool) -> Curve:
+    return Curve(name, times, values[:, i], colour, None if targets is None else targets[:, i], held)
+
+
+def _gather(solution: Solution, quantity: Quantity, held: bool) -> tuple[tuple[str, ...], Array, Array, Array | None]:
+    """Return labels, times (n,), values and targets (n, size) over all phases; NaN in phases that lack the quantity."""
+    labels: tuple[str, ...] = ()
+    times: list[Array] = []
+    values: list[Array | None] = []
+    targets: list[Array | None] = []
+    for part, policy in zip(solution.trajectory.phases, solution.phases, strict=True):
+        space = part.control if held else part.state
+        block = next((b for b in space.blocks if b.quantity.path == quantity.path), None)
+        times.append(part.times)
+        if block is None:
+            values.append(None)
+            targets.append(None)
+            continue
+        labels = block.labels
+        where = space.slices[block.quantity]
+        if held:
+            table = part.controls[:, where]
+            values.append(np.concatenate([table, table[-1:]]))
+            targets.append(None)
+        else:
+            values.append(_plain(quantity, part.states[:, where]))
+            targets.append(_plain(quantity, policy.target_states[:, where]))
+    size = len(labels)
+
+    def joined(tables: list[Array | None]) -> Array:
+        filled = [np.full((len(t), size), np.nan) if v is None else v for t, v in zip(times, tables, strict=True)]
+        return _unwrapped(np.concatenate(filled)) if quantity.kind == "rotation" else np.concatenate(filled)
+
+    return labels, np.concatenate(times), joined(values), None if held else joined(targets)
+
+
+def _plain(quantity: Quantity, values: Array) -> Array:
+    return rotation.np_to_rpy(values) if quantity.kind == "rotation" else values
+
+
+def _unwrapped(angles: Array) -> Array:
+    """Return angles without jumps of 2π, (n, 3); gaps stay gaps."""
+    out = angles.copy()
+    known = np.all(np.isfinite(angles), axis=1)
+    out[known] = np.unwrap(angles[known], axis=0)
+    return out
+
+
+def _by_kind(labels: Sequence[str], feet: Sequence[str]) -> Iterator[tuple[str, list[int], list[str]]]:
+    """Yield joints that have one place in their legs: kind, indices and legs; all together if names do not tell."""
+    kinds: dict[str, dict[str, int]] = {}
+    for i, label in enumerate(labels):
+        leg, _, kind = label.partition("_")
+        if leg not in feet or not kind:
+            yield "Joint", list(range(len(labels))), list(labels)
+            return
+        kinds.setdefault(kind.removesuffix("_joint"), {})[leg] = i
+    for kind, found in kinds.items():
+        yield kind, list(found.values()), list(found)
+
+
+def _bounds(solution: Solution, path: str, unit: str, labels: Sequence[str]) -> list[tuple[float | None, float | None]]:
+    """Return (lower, upper) per component from a declared limit on this quantity, (None, None) if there is none."""
+    for limit in solution.limits:
+        if limit["kind"] == "inequality" and _speaks_of(limit, path, unit, labels):
+            lower, upper = (limit[side] or [None] * len(labels) for side in ("lower", "upper"))
+            return list(zip(lower, upper, strict=True))
+    return [(None, None)] * len(labels)
+
+
+def _speaks_of(limit: Mapping[str, object], path: str, unit: str, labels: Sequence[str]) -> bool:
+    """Return whether a limit bounds the components of a quantity one by one, going by what it declared."""
+    own = list(limit["labels"])  # type: ignore[call-overload]  # a list of names
+    if path.startswith("joints."):
+        return own == list(labels) and limit["unit"] == unit
+    words = str(limit["name"]).replace("_", " ").split()
+    return path in words and len(own) == len(labels)
