@@ -1,6 +1,7 @@
 """The language: models, phases, motions, terms, schedules and problems, and the compiler that lowers them."""
 
 from .batch import Batch as Batch
+from .checks import require_derivatives as require_derivatives
 from .compile import compile_problem as compile_problem
 from .compiled import CompiledPhase as CompiledPhase
 from .compiled import CompiledProblem as CompiledProblem
@@ -18,6 +19,8 @@ from .model import Reset as Reset
 from .model import Slot as Slot
 from .motion import Motion as Motion
 from .motion import Piece as Piece
+from .notices import half_turns as half_turns
+from .notices import notices as notices
 from .own_model import Model as Model
 from .parameter import Parameter as Parameter
 from .parameter import parameter as parameter

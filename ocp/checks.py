@@ -61,6 +61,26 @@ def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
                 )
 
 
+def require_derivatives(problem: Problem | CompiledProblem, solver: str) -> None:
+    """Raise if a solver that differentiates is given a model that can only be simulated.
+
+    Args:
+        problem: the problem, compiled or not.
+        solver: its name, for the message.
+    """
+    if isinstance(problem, CompiledProblem):
+        used = [(f"phase '{p.name}' ({p.interval.phase.source})", p.mode.model) for p in problem.phases]
+    else:
+        used = [(f"schedule ({segment.source})", segment.model) for segment in problem.schedule.segments]
+    for where, model in used:
+        if not model.has_derivatives:
+            raise ProblemError(
+                f"{where}, model '{model.name}': has no derivatives - got a model that can only be simulated, expected "
+                "one "
+                f"whose dynamics is an expression, for {solver}; schedule another model, or use a sampling controller"
+            )
+
+
 def solve_implicit(K: Array, r0: Array) -> Array:
     """Return z = −K⁻¹ r0 for stacked nodes, (n, nz)."""
     if r0.shape[1] == 0:

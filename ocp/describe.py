@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .compiled import CompiledProblem
+from .notices import notices
 from .term import Constraint
 
 
@@ -29,7 +30,6 @@ def describe(compiled: CompiledProblem) -> str:
     lines = _table(head, phases)
     total = compiled.phases[-1].times[-1] - compiled.phases[0].times[0]
     lines.append(f"{compiled.num_stages} stages over {total:.3f} s")
-    models = list(dict.fromkeys(p.mode.model for p in compiled.phases))
     terms = []
     for k, term in enumerate(compiled.terms):
         modes = dict.fromkeys(p.mode for p in compiled.phases)
@@ -52,7 +52,7 @@ def describe(compiled: CompiledProblem) -> str:
     lines += _table(
         ["term", "kind", "at", "unit", "rows", "bound in", "phases", "not bound because", "declared"], terms
     )
-    notices = list(dict.fromkeys(notice for model in models for notice in model.notices(compiled.path)))
-    if notices:
-        lines += ["", "warnings", "--------"] + [f"{n.where}: {n.text}" for n in notices]
+    warnings = notices(compiled)
+    if warnings:
+        lines += ["", "warnings", "--------"] + [f"{n.where}: {n.text}" for n in warnings]
     return "\n".join(lines)

@@ -146,6 +146,11 @@ class ModelBase(ABC):
 
     # ---- what it may say
 
+    @property
+    def has_derivatives(self) -> bool:
+        """Whether its dynamics is an expression to be differentiated, rather than a simulator to be called."""
+        return True
+
     def implicit_size(self, key: str) -> int:
         """Return nz of a mode."""
         return 0

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import CompiledProblem, Problem, compile_problem
+from piaffe.ocp import CompiledProblem, Problem, compile_problem, require_derivatives
 
 from . import accounts, barrier
 from .iterate import Evaluator, Iterate, PhaseDual, PhaseValues, penalty_cost, running_cost
@@ -53,6 +53,7 @@ class MSiLQR:
 
     def __init__(self, problem: Problem | CompiledProblem, options: Options | None = None) -> None:
         self.options = options or Options()
+        require_derivatives(problem, "MSiLQR")
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
         self.evaluator = Evaluator(self.problem)
 

@@ -147,7 +147,7 @@ def check(
     seed: Annotated[int, typer.Option(help="Seed of the random states.")] = 0,
 ) -> None:
     """Compare every derivative with finite differences, scan the initial guess for NaN, report units and sizes."""
-    from piaffe.ocp import check_derivatives, compile_problem
+    from piaffe.ocp import check_derivatives, compile_problem, notices
     from piaffe.ocp.checks import check_guess
     from piaffe.ocp.dimensions import report
 
@@ -166,13 +166,10 @@ def check(
     print_derivatives(console, findings)
     console.print()
     print_dimensions(console, *report(compiled))
-    for model in dict.fromkeys(phase.mode.model for phase in compiled.phases):
-        for notice in model.notices(compiled.path):
-            console.print(
-                f"[bold yellow]warning:[/] {_plain(notice.where)}: {_plain(notice.text)}",
-                highlight=False,
-                soft_wrap=True,
-            )
+    for notice in notices(compiled):
+        console.print(
+            f"[bold yellow]warning:[/] {_plain(notice.where)}: {_plain(notice.text)}", highlight=False, soft_wrap=True
+        )
     agreed = sum(finding.agrees for finding in findings)
     colour = "red" if failures else "green"
     console.print(f"[bold {colour}]{agreed} of {len(findings)} blocks of derivatives agree[/]")
