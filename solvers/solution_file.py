@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
-import tempfile
-import zipfile
+import secrets
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,10 @@ _NUMBERS = ("cost", "max_defect", "max_equality", "max_inequality", "barrier_wei
 
 
 def _space(space: Manifold) -> list[dict[str, Any]]:
-    return [{"quantity": asdict(b.quantity), "labels": b.labels, "rate_of": asdict(b.rate_of) if b.rate_of else None} for b in space.blocks]
+    return [
+        {"quantity": asdict(b.quantity), "labels": b.labels, "rate_of": asdict(b.rate_of) if b.rate_of else None}
+        for b in space.blocks
+    ]
 
 
 def _read_space(blocks: list[dict[str, Any]]) -> Manifold:
@@ -63,20 +66,24 @@ def save(solution: Solution, path: Path) -> Path:
         "models": dict(solution.models), "limits": list(solution.limits),
         **{name: getattr(solution, name) for name in _NUMBERS},
     }  # fmt: skip
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)  # type: ignore[assignment]  # bytes
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")  # not mkstemp: it ignores the umask
     try:
-        with os.fdopen(handle, "wb") as stream:
+        with temporary.open("xb") as stream:
             np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # numpy's stub for keyword arrays
             stream.flush()
             os.fsync(stream.fileno())
-        os.replace(temporary, path)
+        temporary.replace(path)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
     return path
+
+
+def _error(path: Path, what: str, got: object, expected: str, advice: str) -> FileFormatError:
+    return FileFormatError(f"file '{path.name}': {what} - got {got}, expected {expected}; {advice}")
 
 
 def load(path: Path) -> Solution:
@@ -85,25 +92,45 @@ def load(path: Path) -> Solution:
     Raises:
         FileFormatError: the file is missing, truncated, foreign, or written by a newer version.
     """
+    again, other = "save it again", "pass a file saved by Piaffe"
     if not path.is_file():
-        raise FileFormatError(f"file '{path.name}': not there - got no file, expected a saved solution; check the path")
+        raise _error(path, "not there", "no file", "a saved solution", "check the path")
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            data = {name: stored[name] for name in stored.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, OSError) as error:
-        raise FileFormatError(f"file '{path.name}': truncated or not an archive - got {error}, expected a .npz saved by Piaffe; save it again") from error  # fmt: skip
+        data = _arrays(path)
+    except Exception as error:  # damaged bytes raise whatever zipfile, zlib and NumPy raise for them
+        raise _error(path, "truncated or not an archive", error, "a .npz saved by Piaffe", again) from error
     try:
         header = json.loads(bytes(data["header"]))
     except (KeyError, ValueError) as error:
-        raise FileFormatError(f"file '{path.name}': foreign archive - got no readable header, expected one of format '{FORMAT}'; pass a file saved by Piaffe") from error  # fmt: skip
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise FileFormatError(f"file '{path.name}': foreign archive - got format {header.get('format') if isinstance(header, dict) else header!r}, expected '{FORMAT}'; pass a file saved by Piaffe")  # fmt: skip
-    if header["version"] > VERSION:
-        raise FileFormatError(f"file '{path.name}': written by a newer Piaffe - got version {header['version']}, expected at most {VERSION}; upgrade Piaffe")  # fmt: skip
+        wanted = f"one of format '{FORMAT}'"
+        raise _error(path, "foreign archive", "no readable header", wanted, other) from error
+    name = header.get("format") if isinstance(header, dict) else header
+    if name != FORMAT or not isinstance(header, dict):
+        raise _error(path, "foreign archive", f"format {name!r}", f"'{FORMAT}'", other)
+    version = header.get("version")
+    if not isinstance(version, int):
+        raise _error(path, "foreign archive", f"version {version!r}", "a whole number", other)
+    if version > VERSION:
+        raise _error(path, "written by a newer Piaffe", f"version {version}", f"at most {VERSION}", "upgrade Piaffe")
     try:
         return _assemble(header, data)
-    except (KeyError, IndexError, TypeError) as error:
-        raise FileFormatError(f"file '{path.name}': incomplete - got no {error}, expected every array of the header; save it again") from error  # fmt: skip
+    except KeyError as error:
+        raise _error(path, "incomplete", f"no {error}", "every array of the header", again) from error
+    except (IndexError, TypeError, ValueError, AttributeError) as error:
+        raise _error(path, "inconsistent", error, f"what version {VERSION} describes", again) from error
+
+
+def _arrays(path: Path) -> dict[str, Array]:
+    """Return the arrays of an archive; the file is read whole, so that none stays open when it is damaged."""
+    stored = np.load(io.BytesIO(path.read_bytes()), allow_pickle=False)
+    if not isinstance(stored, np.lib.npyio.NpzFile):
+        raise ValueError("a single array")
+    with stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def _record(values: dict[str, Any]) -> Record:
+    return Record(**{**values, "iteration": int(values["iteration"])})
 
 
 def _assemble(header: dict[str, Any], data: dict[str, Array]) -> Solution:
@@ -114,18 +141,15 @@ def _assemble(header: dict[str, Any], data: dict[str, Array]) -> Solution:
             PhaseTrajectory(
                 name=phase["name"], mode=phase["mode"], model=phase["model"], times=data[f"{i}/times"],
                 states=data[f"{i}/states"], controls=data[f"{i}/controls"], outputs=outputs,
-                state=_read_space(phase["state"]), control=_read_space(phase["control"]), ends_phase=phase["ends_phase"],
+                state=_read_space(phase["state"]), control=_read_space(phase["control"]),
+                ends_phase=phase["ends_phase"],
             )
         )  # fmt: skip
         multipliers = {name: data[f"{i}/multipliers/{name}"] for name in phase["multipliers"]}
         policies.append(PhaseSolution(**{name: data[f"{i}/{name}"] for name in _ARRAYS}, multipliers=multipliers))
-    whole = {"iteration"}
-    history = tuple(
-        Record(**{n: int(v) if n in whole else float(v) for n, v in zip(header["history"], row, strict=True)})
-        for row in data["history"]
-    )
+    history = tuple(_record(dict(zip(header["history"], map(float, row), strict=True))) for row in data["history"])
     return Solution(
         status=Status[header["status"]], trajectory=Trajectory(tuple(parts)), phases=tuple(policies), history=history,
         term_costs=header["term_costs"], violations=tuple(Violation(**v) for v in header["violations"]),
-        models=header["models"], limits=tuple(header["limits"]), **{name: header[name] for name in _NUMBERS},
+        models=header["models"], limits=tuple(header["limits"]), **{name: float(header[name]) for name in _NUMBERS},
     )  # fmt: skip

@@ -1,0 +1,318 @@
+"""MS-iLQR on small problems: exact where a closed form exists, and as good as Ipopt elsewhere."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from piaffe import ocp
+from piaffe.errors import SolverError
+from piaffe.ocp import CompiledProblem, compile_problem
+from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
+
+from ..problems import PROBLEMS, bouncing_ball, linear_quadratic, rope, swing_up
+from .dense import stack_problem
+from .referee import Verdict, referee
+
+ACCURATE = Options(barrier_gap=1e-5, max_equality=1e-6, max_inequality=1e-6)
+
+
+@cache
+def compiled(name: str) -> CompiledProblem:
+    return compile_problem(PROBLEMS[name]())
+
+
+@cache
+def solved(name: str) -> Solution:
+    return MSiLQR(compiled(name), ACCURATE).solve()
+
+
+@cache
+def judged(name: str) -> Verdict:
+    return referee(compiled(name))
+
+
+# ---- linear-quadratic: one iteration, exact
+
+
+@pytest.fixture(scope="module")
+def lq() -> CompiledProblem:
+    return compile_problem(linear_quadratic())
+
+
+@pytest.fixture(scope="module")
+def lq_solution(lq: CompiledProblem) -> Solution:
+    return MSiLQR(lq).solve()
+
+
+def test_linear_quadratic_problem_with_resets_takes_one_step(lq: CompiledProblem, lq_solution: Solution) -> None:
+    stack, places = stack_problem(lq)
+    w = stack.solve()
+    assert lq_solution.converged
+    assert lq_solution.iterations <= 2  # the second, if there is one, only finds that there is nothing left to do
+    assert lq_solution.history[0].step_size == 1.0
+    assert lq_solution.history[0].cost == pytest.approx(stack.cost(w), rel=1e-12)
+    for phase, x, u in zip(lq_solution.trajectory.phases, *places.split(w), strict=True):
+        np.testing.assert_allclose(phase.states, x, atol=1e-10)
+        np.testing.assert_allclose(phase.controls, u, atol=1e-10)
+
+
+def test_phases_of_a_problem_may_differ_in_size(lq_solution: Solution) -> None:
+    sizes = [(p.states.shape, p.controls.shape) for p in lq_solution.trajectory.phases]
+    assert sizes == [((6, 4), (5, 2)), ((9, 3), (8, 1)), ((4, 2), (3, 0))]
+    assert [p.feedback.shape for p in lq_solution.phases] == [(5, 2, 4), (8, 1, 3), (3, 0, 2)]
+
+
+def test_expected_change_of_a_linear_quadratic_problem_is_exact(lq: CompiledProblem, lq_solution: Solution) -> None:
+    feasible = MSiLQR(lq).solve(lq_solution)  # all defects closed
+    run = feasible.history[0] if feasible.history else lq_solution.history[-1]
+    assert run.expected == pytest.approx(0.0, abs=1e-12)
+
+
+def test_value_function_predicts_the_optimal_cost_of_another_start(lq: CompiledProblem, lq_solution: Solution) -> None:
+    rng, first = np.random.default_rng(0), lq_solution.phases[0]
+    for deviation in rng.normal(size=(3, 4)):
+        other = MSiLQR(replace(lq, initial=lq.initial + deviation)).solve()  # replace: the targets stay where they are
+        predicted = first.V_x[0] @ deviation + 0.5 * deviation @ first.V_xx[0] @ deviation
+        assert other.cost - lq_solution.cost == pytest.approx(predicted, rel=1e-9)
+
+
+def test_policy_is_optimal_from_another_start(lq: CompiledProblem, lq_solution: Solution) -> None:
+    x = lq.initial + np.array([0.3, -0.2, 0.5, 0.1])
+    best = MSiLQR(replace(lq, initial=x)).solve()
+    for phase, plan, policy, expected in zip(
+        lq.phases, lq_solution.trajectory.phases, lq_solution.phases, best.trajectory.phases, strict=True
+    ):
+        for k in range(phase.num_stages):
+            u = plan.controls[k] + policy.feedforward[k] + policy.feedback[k] @ (x - plan.states[k])
+            np.testing.assert_allclose(u, expected.controls[k], atol=1e-9)
+            x = phase.mode.functions["stage"](x, u, [], phase.p[k])[0].full().ravel()
+        if phase.transition is not None:
+            x = phase.transition.functions["reset"](x, [], phase.p_transition).full().ravel()
+
+
+# ---- against Ipopt
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_solution_meets_every_tolerance(name: str) -> None:
+    solution = solved(name)
+    assert solution.status is Status.CONVERGED, solution.explain()
+    assert solution.max_defect <= ACCURATE.max_defect
+    assert solution.max_equality <= ACCURATE.max_equality
+    assert solution.max_inequality <= ACCURATE.max_inequality
+    assert solution.iterations <= 100
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_cost_without_barrier_agrees_with_ipopt(name: str) -> None:
+    assert solved(name).cost == pytest.approx(judged(name).cost, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_trajectory_agrees_with_ipopt(name: str) -> None:
+    for phase, x, u in zip(solved(name).trajectory.phases, judged(name).states, judged(name).controls, strict=True):
+        np.testing.assert_allclose(phase.states, x, atol=0.02)
+        np.testing.assert_allclose(phase.controls, u, atol=0.02 * max(1.0, float(np.max(np.abs(u)))))
+
+
+@pytest.mark.parametrize("name", ["bouncing ball", "swing up", "flying body", "hopper", "rope"])
+def test_limits_of_the_problem_are_active(name: str) -> None:
+    # a referee that never touches a limit would judge nothing
+    multipliers = [np.max(p.multipliers["inequality"], initial=0.0) for p in solved(name).phases]
+    assert max(multipliers) > 0.01 * (1 + solved(name).cost)
+
+
+def test_default_options_come_within_a_thousandth_of_the_optimum() -> None:
+    for name in PROBLEMS:
+        solution = MSiLQR(compiled(name)).solve()
+        assert solution.converged
+        assert solution.cost == pytest.approx(judged(name).cost, rel=1e-3)
+
+
+@pytest.mark.xfail(reason="the gap counts only rows near their bound, so the barrier's weight stops falling too early")
+def test_barrier_of_limits_that_are_never_reached_leaves_no_gap() -> None:
+    problem = compile_problem(rope(limit=6.0))
+    assert MSiLQR(problem, ACCURATE).solve().cost == pytest.approx(referee(problem).cost, rel=1e-4)
+
+
+def test_ball_agrees_with_its_own_equations() -> None:
+    """The ball once more by hand, without the compiler: x⁺ = x + dt f(x, u), ½ Σ dt u², 1000 (z − 1.1)² at the end."""
+    import casadi as cs
+
+    opti, dt = cs.Opti(), 0.025
+    z, v, u = opti.variable(36), opti.variable(36), opti.variable(34)  # 18 + 16 steps, one node twice
+    opti.subject_to(z[0] == 1)
+    opti.subject_to(v[0] == 0)
+    for k in range(34):
+        a, b = (k, k + 1) if k < 18 else (k + 1, k + 2)
+        opti.subject_to(z[b] == z[a] + dt * v[a])
+        opti.subject_to(v[b] == v[a] + dt * (u[k] - 9.81))
+    opti.subject_to(z[18] == 0)
+    opti.subject_to(z[19] == z[18])
+    opti.subject_to(v[19] == -0.8 * v[18])
+    opti.subject_to(opti.bounded(-3, u, 3))
+    opti.minimize(0.5 * dt * cs.sumsqr(u) + 1000 * (z[35] - 1.1) ** 2)
+    opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes", "tol": 1e-10})
+    best = opti.solve()
+    assert solved("bouncing ball").cost == pytest.approx(float(best.value(opti.f)), rel=1e-4)
+    impact = solved("bouncing ball").trajectory.phases[1].states[0]
+    np.testing.assert_allclose(impact, [0.0, float(best.value(v[19]))], atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["swing up", "hopper", "rope"])
+def test_value_gradient_matches_optima_of_ipopt_from_nearby_starts(name: str) -> None:
+    problem, step = compiled(name), 1e-4
+    gradient = []
+    for e in np.eye(len(problem.initial)):
+        costs = [referee(replace(problem, initial=problem.initial + s * e)).cost for s in (step, -step)]
+        gradient.append((costs[0] - costs[1]) / (2 * step))
+    # barrier and penalties are part of V: it is the problem's own as far as their weights have vanished
+    precise = Options(barrier_gap=1e-6, max_equality=1e-7, max_inequality=1e-7, cost_tolerance=1e-9)
+    found = MSiLQR(problem, precise).solve().phases[0].V_x[0]
+    np.testing.assert_allclose(found, gradient, atol=2e-3 * float(np.max(np.abs(gradient))))
+
+
+# ---- the run
+
+
+def test_warm_start_from_a_solution_is_done_at_once() -> None:
+    for name in PROBLEMS:
+        again = MSiLQR(compiled(name), ACCURATE).solve(solved(name))
+        assert again.converged
+        assert again.iterations <= 3
+        assert again.cost == pytest.approx(solved(name).cost, rel=1e-5)
+
+
+def test_warm_start_with_defaults_is_done_at_once() -> None:
+    solver = MSiLQR(compiled("swing up"))
+    assert solver.solve(solver.solve()).iterations <= 3
+
+
+def test_warm_start_of_a_changed_problem_is_shorter_than_a_cold_one() -> None:
+    problem = swing_up()
+    nearby = MSiLQR(problem.with_initial(problem.initial + 0.02))
+    cold, warm = nearby.solve(), nearby.solve(MSiLQR(problem).solve())
+    assert cold.converged
+    assert warm.converged
+    assert warm.iterations < cold.iterations
+    assert warm.cost == pytest.approx(cold.cost, rel=1e-3)
+
+
+def test_warm_start_of_other_phases_is_refused() -> None:
+    with pytest.raises(
+        SolverError, match=r"warm start: does not fit .*got phases \[\('swing', 30, 4, 1\)\].*'drop', 18"
+    ):
+        MSiLQR(compiled("bouncing ball")).solve(solved("swing up"))
+
+
+def test_two_solves_are_equal_to_the_last_bit() -> None:
+    first, second = (MSiLQR(PROBLEMS["hopper"](), ACCURATE).solve() for _ in range(2))
+    assert [(r.cost, r.merit, r.step_size) for r in first.history] == [
+        (r.cost, r.merit, r.step_size) for r in second.history
+    ]
+    for a, b in zip(first.trajectory.phases, second.trajectory.phases, strict=True):
+        np.testing.assert_array_equal(a.states, b.states)
+        np.testing.assert_array_equal(a.controls, b.controls)
+    for p, q in zip(first.phases, second.phases, strict=True):
+        np.testing.assert_array_equal(p.feedback, q.feedback)
+
+
+def test_solver_does_not_change_its_problem() -> None:
+    problem = compile_problem(bouncing_ball())
+    kept = [(p.guess_states.copy(), p.guess_controls.copy(), p.p.copy()) for p in problem.phases]
+    MSiLQR(problem).solve()
+    for phase, (x, u, p) in zip(problem.phases, kept, strict=True):
+        np.testing.assert_array_equal(phase.guess_states, x)
+        np.testing.assert_array_equal(phase.guess_controls, u)
+        np.testing.assert_array_equal(phase.p, p)
+
+
+def test_progress_sees_every_record() -> None:
+    seen: list[Record] = []
+    solution = MSiLQR(compiled("bouncing ball")).solve(progress=seen.append)
+    assert tuple(seen) == solution.history
+    assert [r.iteration for r in seen] == list(range(1, len(seen) + 1))
+    assert all(a.wall_s <= b.wall_s for a, b in pairwise(seen))
+
+
+def test_merit_falls_as_long_as_its_weights_stay() -> None:
+    history = solved("swing up").history
+    falls = [
+        b.cost <= a.cost + 1e-9
+        for a, b in pairwise(history)
+        if a.barrier_weight == b.barrier_weight and max(a.max_defect, b.max_defect) < 1e-9
+    ]
+    assert sum(falls) >= 0.8 * len(falls)
+
+
+# ---- parameters: nothing is rebuilt
+
+
+def test_another_value_of_a_parameter_lowers_nothing_again() -> None:
+    problem = bouncing_ball(restitution=ocp.parameter("restitution", 0.8))
+    first = MSiLQR(problem)
+    other = MSiLQR(problem.with_parameters(restitution=0.9))
+    assert first.problem.lowered > 0
+    assert other.problem.lowered == 0
+    high, low = other.solve(), first.solve()
+    assert high.trajectory.phases[1].states[0, 1] == pytest.approx(
+        -0.9 * high.trajectory.phases[0].states[-1, 1], abs=1e-6
+    )
+    assert high.cost < low.cost  # a livelier ball needs less thrust
+    assert low.cost == pytest.approx(solved("bouncing ball").cost, rel=1e-3)
+
+
+def test_other_weights_limits_targets_and_timings_lower_nothing_again() -> None:
+    def fall(s):
+        return {"z": s.vz, "vz": s.thrust - 9.81}
+
+    def thrust(s):
+        return s.thrust
+
+    ball = ocp.Model("ball", state={"z": 1, "vz": 1}, control={"thrust": 1}, modes={"fall": fall})
+
+    def make(weight: float, limit: float, height: float, duration: float) -> ocp.Problem:
+        return ocp.Problem(
+            ocp.Motion(ocp.Phase("hover", "fall", duration, {"z": height})),
+            ball.until_end(dt=0.05),
+            ocp.Objective(ocp.track("z", weight), ocp.regularize("thrust", 0.003)),
+            ocp.Constraints(ocp.inequality(thrust, upper=limit, name="thrust")),
+            initial=[0.0, 0.0],
+        )
+
+    first, second = MSiLQR(make(1.0, 30.0, 0.5, 1.0)), MSiLQR(make(3.0, 6.0, 0.8, 0.6))
+    assert second.problem.lowered == 0
+    assert np.max(first.solve().controls) > 6.5
+    assert np.max(second.solve().controls) == pytest.approx(6.0, abs=0.02)
+
+
+# ---- options
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"max_defect": 0.0}, "options: max_defect is out of range - got 0.0, expected a positive number; raise it"),
+        ({"barrier_weight": -1.0}, "options: barrier_weight is out of range - got -1.0, expected a positive number"),
+        ({"barrier_weight": float("nan")}, "options: barrier_weight is out of range - got nan"),
+        ({"step_shrink": 1.5}, "options: step_shrink is out of range - got 1.5, expected below 1; lower it"),
+        ({"armijo": 1.0}, "options: armijo is out of range - got 1.0, expected below 1"),
+        ({"max_iterations": 0}, "options: max_iterations is out of range - got 0"),
+        ({"time_limit_s": -2.0}, "options: time_limit_s is out of range - got -2.0"),
+    ],
+)
+def test_options_are_checked(values: dict[str, float], message: str) -> None:
+    with pytest.raises(SolverError, match=message.replace("(", r"\(")):
+        Options(**values)
+
+
+def test_options_are_frozen_and_taken_by_name() -> None:
+    with pytest.raises(AttributeError):
+        Options().max_iterations = 3  # type: ignore[misc]
+    with pytest.raises(TypeError):
+        Options(3)  # type: ignore[misc]
+    with pytest.raises(TypeError, match="max_iteration"):
+        Options(max_iteration=3)  # type: ignore[call-arg]
