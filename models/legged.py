@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.ocp import rotation
 from piaffe.ocp.manifold import Block, Manifold
-from piaffe.ocp.model import ModelBase, Node, Sample, Slot
+from piaffe.ocp.model import ModelBase, Node, Notice, Sample, Slot
+from piaffe.ocp.path import Path
 from piaffe.ocp.quantity import Quantity
 
+from .notices import keyframe_notices
 from .postures import XYZ, RobotState, translate
 from .quantities import base
 from .recipes import robot_recipe
@@ -126,6 +128,10 @@ class LeggedModel(ModelBase):
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
         """Translate a keyframe's entries to quantities, see :func:`piaffe.models.postures.translate`."""
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
+
+    def notices(self, path: object) -> list[Notice]:
+        """Return warnings about keyframes, see :mod:`piaffe.models.notices`."""
+        return keyframe_notices(self.robot, self.resolve, path) if isinstance(path, Path) else []
 
     def planar_frame(self, sample: Sample) -> tuple[float, float, float]:
         """Return x, y [m] and yaw [rad] of the base."""

@@ -168,6 +168,11 @@ class BoundLaps(BoundReference):
         phases = piece.once or piece.cycle
         self._laps = [(0.0, phases, lay_knots(models, phases, start, frame))]
 
+    @property
+    def start(self) -> Sample:
+        """The sample at the piece's start."""
+        return self._laps[0][2].start
+
     def sample(self, t: float, phase: int) -> Sample:
         """Return the targets; the running index of the phase says in which cycle."""
         once, cycle = len(self.piece.once), len(self.piece.cycle)
