@@ -189,3 +189,83 @@ def plot(
     from .figure import plot as draw
 
     print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")
+
+
+@app.command()
+def video(
+    solution: Saved,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="V.mp4", help="Film to write.")],
+    simulated: Annotated[
+        bool, typer.Option("--simulate", help="Play the policy in MuJoCo and film that; say how far it got.")
+    ] = False,
+    ghost: Annotated[
+        bool, typer.Option("--ghost", help="Show the keyframes' path (with --simulate the plan) as a ghost.")
+    ] = False,
+    speed: Annotated[
+        list[float] | None, typer.Option(help="1 is real time; give several to show the motion again, e.g. 1 and 0.25.")
+    ] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Width and height in pixels.")] = "1280x720",
+    fps: Annotated[int, typer.Option(min=1, max=240, help="Pictures per second.")] = 50,
+    azimuth: Annotated[float, typer.Option(help="Direction of view about the vertical [degree].")] = 60.0,
+    distance: Annotated[float, typer.Option(help="Distance of the camera, in lengths of the body.")] = 4.0,
+    friction: Annotated[
+        float | None, typer.Option(help="Friction coefficient to simulate with; that of the problem by default.")
+    ] = None,
+) -> None:
+    """Film a solution, rendered off screen by MuJoCo: the planned motion, or the policy played in simulation."""
+    from . import gl
+    from .cuts import cuts_of, picture_size
+
+    shape = picture_size(size)
+    gl.prepare()  # before MuJoCo is imported
+
+    from piaffe.solvers import Solution
+
+    from .film import write
+    from .playback import Playback
+    from .studio import Studio
+
+    playback = Playback(Solution.load(solution))
+    cuts, said = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
+    if said:
+        print(said)
+    studio = Studio(playback.robot, shape, azimuth=azimuth, distance=distance)
+    print(f"saved {write(output, studio, cuts, playback.feet, fps=fps)}")
+
+
+@app.command()
+def view(
+    solution: Saved,
+    simulated: Annotated[bool, typer.Option("--simulate", help="Play the policy in MuJoCo and show that.")] = False,
+    speed: Annotated[float, typer.Option(help="1 is real time.")] = 1.0,
+) -> None:
+    """Show a solution in MuJoCo's interactive viewer, over and over until its window is closed."""
+    from .viewer import show
+
+    show(solution, simulated=simulated, speed=speed)
+
+
+@app.command()
+def doctor(
+    urdf: Annotated[str, typer.Argument(metavar="URDF", help="A URDF file, or the name of a known robot.")],
+    feet: Annotated[
+        str | None, typer.Option(metavar="'FRAME ...'", help="Frames of the feet, separated by spaces or commas.")
+    ] = None,
+    foot_radius: Annotated[float | None, typer.Option(help="Radius of the foot's ball [m].")] = None,
+) -> None:
+    """Say what is wrong or missing in a robot's description. Exit code 1 if it cannot be used."""
+    from piaffe.models.doctor import diagnose
+
+    names = feet.replace(",", " ").split() if feet else None
+    findings = diagnose(urdf, feet=names, foot_radius=foot_radius)
+    console = terminal()
+    colours = {"error": "bold red", "warning": "bold yellow", "note": "dim"}
+    for finding in findings:
+        console.print(
+            f"[{colours[finding.severity]}]{finding.severity}:[/] {_plain(f'{finding.where}: {finding.text}')}",
+            soft_wrap=True,
+        )
+    errors = sum(finding.severity == "error" for finding in findings)
+    warnings = sum(finding.severity == "warning" for finding in findings)
+    console.print(f"{errors} errors, {warnings} warnings")
+    raise typer.Exit(FAILED if errors else 0)

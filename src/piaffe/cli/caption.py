@@ -1,0 +1,58 @@
+"""The caption of a film: phase, time, speed, and a lamp per foot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from .playback import Snapshot
+from .style import INK, LEGS
+
+_FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+_OFF = "#C9CED6"
+
+
+class Caption:
+    """Writes on pictures.
+
+    Args:
+        size: width and height of the finished pictures [pixels].
+        feet: names of the feet, in the order of the snapshots' contacts.
+    """
+
+    def __init__(self, size: tuple[int, int], feet: Sequence[str]) -> None:
+        self.size, self.feet = size, feet
+        self.unit = size[1] / 36
+        self.font = ImageFont.truetype(str(_FONT), round(self.unit))
+        self.small = ImageFont.truetype(str(_FONT), round(0.72 * self.unit))
+
+    def write(self, picture: NDArray[np.uint8], shown: Snapshot, speed: float, note: str = "") -> NDArray[np.uint8]:
+        """Return a picture at its finished size with the caption on it.
+
+        Args:
+            picture: as rendered, any size.
+            shown: what is in it.
+            speed: of the film.
+            note: written beside the speed.
+        """
+        image = Image.fromarray(picture)
+        if image.size != self.size:
+            image = image.resize(self.size, Image.Resampling.LANCZOS)
+        draw = ImageDraw.Draw(image)
+        unit, (width, height) = self.unit, self.size
+        base = height - 1.2 * unit
+        draw.text((1.4 * unit, base), f"{shown.time:5.2f} s   {shown.phase}", font=self.font, fill=INK, anchor="ls")
+        pace = "" if speed == 1 else f"{speed:g} × speed"
+        said = "   ".join(part for part in (note, pace) if part)
+        draw.text((width - 1.4 * unit, base), said, font=self.font, fill=INK, anchor="rs")
+        for i, (foot, on) in enumerate(zip(self.feet, shown.contact, strict=False)):
+            x, y = 1.9 * unit + 2.3 * unit * i, base - 2.2 * unit
+            r = 0.42 * unit
+            draw.ellipse((x - r, y - r, x + r, y + r), fill=LEGS[i % len(LEGS)] if on else _OFF)
+            draw.text((x + 0.65 * unit, y), foot, font=self.small, fill=INK, anchor="lm")
+        return np.asarray(image)

@@ -1,0 +1,58 @@
+"""What a film shows: the plan or its simulation, once per speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from piaffe.errors import ProblemError
+
+from .film import Cut
+from .playback import Playback, Snapshot
+from .simulation import Run, simulate
+
+
+def cuts_of(
+    playback: Playback, speeds: Sequence[float], *, ghost: bool, simulated: bool, mu: float | None
+) -> tuple[list[Cut], str]:
+    """Return the cuts of a film, and what to say of the simulation if there is one.
+
+    Args:
+        playback: the solution.
+        speeds: the motion is shown once at each.
+        ghost: show what was asked for beside what is done.
+        simulated: play the policy instead of the plan.
+        mu: friction coefficient of the simulation; the problem's by default.
+    """
+    for speed in speeds:
+        if not 0 < speed < float("inf"):
+            raise ProblemError(f"film: speed is out of range - got {speed}, expected a number > 0; 1 is real time")
+    if not simulated:
+        return [Cut(lambda t: playback.at(t, ghost=ghost), playback.start, playback.end, speed) for speed in speeds], ""
+    run = simulate(playback, mu=mu)
+    end = run.snapshots[-1].time
+    note = "simulation" if run.lost_at is None else f"simulation, lost at {run.lost_at:.2f} s"
+    return [Cut(recorded(run, ghost), run.snapshots[0].time, end, speed, note) for speed in speeds], str(run)
+
+
+def recorded(run: Run, ghost: bool) -> Callable[[float], Snapshot]:
+    """Return a function of time [s] that gives the nearest snapshot of a simulation."""
+    times = np.array([snapshot.time for snapshot in run.snapshots])
+
+    def at(t: float) -> Snapshot:
+        found = run.snapshots[int(np.argmin(np.abs(times - t)))]
+        return found if ghost else replace(found, ghost=None)
+
+    return at
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    """Return width and height of ``"1280x720"``; both must be even, as the film's coding wants."""
+    parts = text.lower().split("x")
+    if len(parts) == 2 and all(part.isdigit() and int(part) >= 64 and int(part) % 2 == 0 for part in parts):
+        return int(parts[0]), int(parts[1])
+    raise ProblemError(
+        f"film: size is unusable - got '{text}', expected two even numbers from 64 on as WxH; give 1280x720"
+    )

@@ -1,0 +1,118 @@
+"""Films: a solution or a simulation as an MP4, at one speed after another."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import PiaffeError
+
+from .caption import Caption
+from .playback import Snapshot
+from .studio import Studio
+
+Array = NDArray[np.float64]
+
+_SMOOTH_S = 0.25  # the camera follows with about this inertia
+_HOLD_S = 0.4  # how long the last picture stays
+
+
+class FilmError(PiaffeError, RuntimeError):
+    """A film cannot be written."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """One showing of a motion.
+
+    Args:
+        shown: snapshot at a time [s].
+        start, end: from when to when [s].
+        speed: 1 is real time, 0.25 four times slower.
+        note: what the caption says beside the speed.
+    """
+
+    shown: Callable[[float], Snapshot]
+    start: float
+    end: float
+    speed: float = 1.0
+    note: str = ""
+
+    def times(self, fps: float) -> Array:
+        """Return the times of the pictures [s], the last one held."""
+        count = max(round((self.end - self.start) / self.speed * fps), 1)
+        moving = self.start + (self.end - self.start) * np.arange(count + 1) / count
+        return np.concatenate([moving, np.full(round(_HOLD_S * fps), self.end)])
+
+
+def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], *, fps: int = 50) -> Path:
+    """Write a film; the file appears whole or not at all.
+
+    Args:
+        path: the file, ``.mp4``.
+        studio: draws the pictures; its size must be even.
+        cuts: shown one after the other.
+        feet: names of the feet, for the caption.
+        fps: pictures per second.
+    """
+    import imageio_ffmpeg
+
+    if path.suffix != ".mp4":
+        raise FilmError(
+            f"file '{path}': unknown kind of film - got '{path.suffix}', expected '.mp4'; change the ending"
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=".mp4")
+    os.close(handle)
+    caption = Caption(studio.size, feet)
+    stream = imageio_ffmpeg.write_frames(
+        temporary, studio.size, fps=fps, codec="libx264", quality=None, bitrate=None, macro_block_size=2,
+        output_params=["-crf", "20", "-preset", "medium", "-movflags", "+faststart"],
+    )  # fmt: skip
+    try:
+        stream.send(None)
+        with studio:
+            for picture in _pictures(studio, cuts, caption, fps):
+                stream.send(np.ascontiguousarray(picture))
+        stream.close()
+        if not Path(temporary).stat().st_size:
+            raise FilmError(
+                f"file '{path}': ffmpeg wrote nothing - got an empty file, expected a film; see its messages above"
+            )
+        Path(temporary).replace(path)
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+    path.chmod(0o644)
+    return path
+
+
+def _pictures(studio: Studio, cuts: Sequence[Cut], caption: Caption, fps: int) -> Iterator[NDArray[np.uint8]]:
+    for cut in cuts:
+        times = cut.times(fps)
+        shown = [cut.shown(float(t)) for t in times]
+        for snapshot, look_at in zip(shown, follow(shown, cut.speed * fps), strict=True):
+            yield caption.write(studio.picture(snapshot, look_at), snapshot, cut.speed, cut.note)
+
+
+def follow(shown: Sequence[Snapshot], rate: float) -> Array:
+    """Return where to look for each snapshot, (n, 3): the base's path without its jolts.
+
+    Args:
+        shown: snapshots at equal steps.
+        rate: snapshots per second of motion.
+    """
+    places = np.array([snapshot.qpos[:3] for snapshot in shown])
+    width = max(_SMOOTH_S * max(rate, 1.0), 1.0)
+    reach = int(3 * width)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    kernel /= kernel.sum()
+    padded = np.pad(places, ((reach, reach), (0, 0)), mode="edge")
+    smooth = np.stack([np.convolve(padded[:, axis], kernel, mode="valid") for axis in range(3)], axis=1)
+    smooth[:, 2] = 0.5 * smooth[:, 2] + 0.5 * places[:, 2].mean()
+    return smooth

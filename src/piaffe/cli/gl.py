@@ -1,0 +1,64 @@
+"""Finding a way to render without a window: tried in a process of its own, before MuJoCo is imported here."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from piaffe.errors import PiaffeError
+
+_PROBE = """
+import mujoco
+model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><light/><geom type='sphere' size='1'/></worldbody></mujoco>")
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+with mujoco.Renderer(model, 32, 32) as renderer:
+    renderer.update_scene(data)
+    assert renderer.render().max() > 0
+"""
+
+
+class DisplayError(PiaffeError, RuntimeError):
+    """Nothing can be shown: there is no OpenGL, or no display."""
+
+
+def prepare(timeout_s: float = 120.0) -> str:
+    """Choose a backend that renders off screen, set ``MUJOCO_GL`` to it and return it.
+
+    The one that ``MUJOCO_GL`` names, if it names one; else EGL (a graphics card's driver, or Mesa's), OSMesa
+    (software), or a window system.
+
+    Raises:
+        DisplayError: none works.
+    """
+    wanted = os.environ.get("MUJOCO_GL", "")
+    candidates = [wanted] if wanted else ["egl", "osmesa", *(["glfw"] if has_display() else [])]
+    for backend in candidates:
+        if works(backend, timeout_s):
+            os.environ["MUJOCO_GL"] = backend
+            return backend
+    raise DisplayError(
+        f"film: MuJoCo cannot render here - got no working OpenGL (tried {', '.join(candidates)}), expected EGL or "
+        "OSMesa; install Debian's or Ubuntu's libosmesa6 (apt-get install libosmesa6) for software rendering, or a "
+        "graphics driver" + (", and unset MUJOCO_GL to try all backends" if wanted else "")
+    )
+
+
+def works(backend: str, timeout_s: float) -> bool:
+    """Return whether a picture can be rendered with a backend."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE],
+            env={**os.environ, "MUJOCO_GL": backend},
+            capture_output=True,
+            timeout=timeout_s,
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def has_display() -> bool:
+    """Return whether there is a window system to open windows on."""
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
