@@ -18,15 +18,20 @@ class Options:
         max_inequality: largest inequality violation accepted, likewise.
         cost_tolerance: expected decrease, relative to 1 + |cost|, below which an iterate is stationary.
         barrier_weight: first weight ε of the relaxed barrier.
-        barrier_factor: what ε is multiplied by once the iterate is near stationary.
-        barrier_gap: declared suboptimality of the barrier, relative to the cost: ε stops shrinking when the sum of
-            ε over active rows and time is below it.
+        barrier_factor: what ε is multiplied by once a sub-problem is solved or has had its iterations.
+        barrier_gap: declared suboptimality of the barrier, relative to 1 + |cost|: ε stops shrinking when its last
+            decrease changed the cost by less.
+        min_barrier_weight: smallest ε.
         relaxation: first relaxation δ of the barrier, in units of the row's scale.
+        max_stiffness: largest curvature ε/δ² of a violated row; larger multipliers are carried by shifts instead.
         penalty: first penalty σ of the augmented Lagrangian.
         penalty_factor: what σ is multiplied by when a violation shrinks too slowly.
         max_penalty: largest σ.
+        max_inner: iterations after which a sub-problem may be left unsolved, once its defects are small.
         armijo: share γ of the expected decrease that a step must achieve.
         merit_margin: share κ of the defects' decrease kept in the merit's expected change.
+        merit_offset: least weight ρ of the defects in the merit.
+        corrections: second-order corrections of a trial step whose defects grew.
         step_shrink: ratio of successive trial steps.
         min_step: smallest trial step.
         regularization: first Levenberg regularisation added to Q_xx and Q_uu.
@@ -42,15 +47,16 @@ class Options:
     barrier_weight: float = 0.1
     barrier_factor: float = 0.3
     barrier_gap: float = 1e-3
+    min_barrier_weight: float = 1e-8
     relaxation: float = 0.1
     max_stiffness: float = 1e5
     penalty: float = 200.0
     penalty_factor: float = 5.0
     max_penalty: float = 1e6
+    max_inner: int = 5
     armijo: float = 0.1
     merit_margin: float = 0.1
     merit_offset: float = 0.1
-    max_inner: int = 8
     corrections: int = 1
     step_shrink: float = 0.5
     min_step: float = 1e-3

@@ -1,0 +1,113 @@
+"""The outer loop: barrier weight, relaxations and shifts of inequalities, multipliers and penalties of equalities."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import CompiledProblem
+
+from . import barrier
+from .iterate import PhaseDual, PhaseValues
+from .options import Options
+from .solution import Solution
+
+Array = NDArray[np.float64]
+
+
+class Outer:
+    """What changes between sub-problems.
+
+    Args:
+        problem: the problem.
+        options: first values, factors and limits.
+    """
+
+    def __init__(self, problem: CompiledProblem, options: Options) -> None:
+        self.problem, self.o = problem, options
+        self.weight = options.barrier_weight
+        self.duals = [self._first(i) for i in range(len(problem.phases))]
+        self.has_inequalities = any(p.g_mask.any() or p.end_g_mask.any() for p in problem.phases)
+        self._last_equality = np.inf
+        self._last_cost: float | None = None
+        self._unmoved = 0
+
+    def _first(self, i: int) -> PhaseDual:
+        phase, o = self.problem.phases[i], self.o
+        return PhaseDual(
+            relaxation=np.full(phase.g_mask.shape, o.relaxation), end_relaxation=np.full(phase.end_g_mask.shape, o.relaxation),
+            shift=np.zeros(phase.g_mask.shape), end_shift=np.zeros(phase.end_g_mask.shape),
+            multiplier=np.zeros(phase.h_mask.shape), penalty=np.full(phase.h_mask.shape, o.penalty),
+            end_multiplier=np.zeros(phase.end_h_mask.shape), end_penalty=np.full(phase.end_h_mask.shape, o.penalty),
+        )  # fmt: skip
+
+    def resume(self, solution: Solution) -> None:
+        """Take everything from an earlier solution."""
+        self.weight = solution.barrier_weight
+        self._last_cost = solution.cost
+        for dual, phase in zip(self.duals, solution.phases, strict=True):
+            stored = phase.multipliers
+            if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
+                continue  # the constraints changed since: begin afresh there
+            dual.multiplier, dual.end_multiplier = stored["equality"].copy(), stored["end_equality"].copy()
+            dual.penalty, dual.end_penalty = stored["penalty"].copy(), stored["end_penalty"].copy()
+            dual.relaxation, dual.end_relaxation = stored["relaxation"].copy(), stored["end_relaxation"].copy()
+            dual.shift, dual.end_shift = stored["shift"].copy(), stored["end_shift"].copy()
+
+    def gap_is_closed(self, cost: float) -> bool:
+        """Return whether the barrier no longer bends the solution: the last decrease of ε hardly changed the cost."""
+        if not self.has_inequalities:
+            return True
+        return self._last_cost is not None and abs(cost - self._last_cost) <= self.o.barrier_gap * (1 + abs(cost))
+
+    def near_gap(self, values: list[PhaseValues]) -> float:
+        """Return Σ λ g dt over the rows near their bound: a first estimate of the barrier's share of the cost."""
+        total = 0.0
+        for p, v, d in zip(self.problem.phases, values, self.duals, strict=True):
+            near = (v.g > 0) & (v.g < 10 * self.o.relaxation) & (p.g_mask > 0)
+            total -= p.dt * float(np.sum(np.where(near, barrier.slope(v.g - d.shift, d.relaxation) * v.g, 0.0)))
+        return self.weight * total
+
+    def update(self, values: list[PhaseValues], cost: float, violations: tuple[float, float], *, stationary: bool) -> None:
+        """Move on to the next sub-problem.
+
+        Args:
+            values: what the phases evaluate to.
+            cost: declared cost.
+            violations: largest equality and inequality violation.
+            stationary: whether the last sub-problem was solved; if it was only left, its cost says nothing of the gap.
+        """
+        if stationary and not self.gap_is_closed(cost):
+            self._last_cost = cost
+            self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
+        elif not stationary and self.near_gap(values) > self.o.barrier_gap * (1 + abs(cost)):
+            self._last_cost = None
+            self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
+        self._update_inequalities(values)
+        self._update_equalities(values, violations[0])
+        at_limit = all(np.all(d.end_penalty >= self.o.max_penalty) for d in self.duals if d.end_penalty.size)
+        self._unmoved = self._unmoved + 1 if stationary and at_limit and violations[0] > self.o.max_equality else 0
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether the largest penalties have been tried in vain."""
+        return self._unmoved > 5
+
+    def _update_inequalities(self, values: list[PhaseValues]) -> None:
+        slack, floor = 0.25 * self.o.max_inequality, float(np.sqrt(self.weight / self.o.max_stiffness))
+        for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
+            at, end_at = d.relaxation <= 1.01 * floor, d.end_relaxation <= 1.01 * floor
+            d.shift = np.where(at, barrier.recentre(d.shift, v.g, p.g_mask, slack), d.shift)
+            d.end_shift = np.where(end_at, barrier.recentre(d.end_shift, v.end_g, p.end_g_mask, slack), d.end_shift)
+            d.relaxation = barrier.shrink(d.relaxation, v.g, p.g_mask, slack, floor)
+            d.end_relaxation = barrier.shrink(d.end_relaxation, v.end_g, p.end_g_mask, slack, floor)
+
+    def _update_equalities(self, values: list[PhaseValues], equality: float) -> None:
+        slow = equality > 0.25 * self._last_equality and equality > self.o.max_equality
+        self._last_equality = equality
+        factor = self.o.penalty_factor if slow else 1.0
+        for v, d in zip(values, self.duals, strict=True):
+            d.multiplier = d.multiplier + d.penalty * v.h
+            d.end_multiplier = d.end_multiplier + d.end_penalty * v.end_h
+            d.penalty = np.minimum(d.penalty * factor, self.o.max_penalty)
+            d.end_penalty = np.minimum(d.end_penalty * factor, self.o.max_penalty)

@@ -1,0 +1,242 @@
+"""One solve: line search, regularisation and the loop around the linear-quadratic model."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .iterate import Evaluator, Iterate, PhaseValues, penalty_cost, running_cost
+from .options import Options
+from .outer import Outer
+from .record import Record
+from .riccati import Direction, LqPhase, Sweep, backward, close_defects, roll_out
+from .rollout import Flags, move
+from .status import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """An iterate with everything that is computed from it without derivatives."""
+
+    iterate: Iterate
+    values: list[PhaseValues]
+    defects: list[Array]
+    cost: float
+
+    @property
+    def gap(self) -> float:
+        """Sum of the absolute values of all defects: what the merit weighs."""
+        return float(sum(np.sum(np.abs(d)) for d in self.defects))
+
+    @property
+    def max_defect(self) -> float:
+        """Largest defect, ∞-norm in the tangent."""
+        return float(max(np.max(np.abs(d), initial=0.0) for d in self.defects))
+
+
+class Run:
+    """One solve: its current iterate, outer state and history.
+
+    Args:
+        evaluator: the problem's functions.
+        options: options.
+        start: the first iterate.
+        shooting: which nodes are shooting nodes.
+        report: called with every iteration's record.
+    """
+
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        options: Options,
+        start: Iterate,
+        shooting: list[Flags],
+        report: Callable[[Record], None] | None,
+    ) -> None:
+        self.o, self.problem, self.evaluator = options, evaluator.problem, evaluator
+        self.shooting, self.report = shooting, report
+        self.began = time.perf_counter()
+        self.outer = Outer(evaluator.problem, options)
+        self.current = self.evaluate(start)
+        self.history: list[Record] = []
+        self.models: list[LqPhase] = []
+        self.sweeps: list[Sweep] = []
+        self.regularization = 0.0
+        self.rho = self.least_rho = options.merit_offset
+        self.inner = 0
+
+    # ---- evaluation
+
+    def evaluate(self, iterate: Iterate) -> Evaluated:
+        """Return an iterate's values, defects and declared cost."""
+        values = self.evaluator.all_values(iterate)
+        cost = sum(running_cost(p, v) for p, v in zip(self.problem.phases, values, strict=True))
+        return Evaluated(iterate, values, self.evaluator.defects(iterate, values), float(cost))
+
+    def augmented(self, at: Evaluated) -> float:
+        """Return cost plus barrier plus augmented Lagrangian."""
+        parts = zip(self.problem.phases, at.values, self.outer.duals, strict=True)
+        return at.cost + sum(penalty_cost(p, v, d, self.outer.weight) for p, v, d in parts)
+
+    def violations(self, at: Evaluated) -> tuple[float, float]:
+        """Return the largest equality and inequality violations."""
+        h, g = [0.0], [0.0]
+        for p, v in zip(self.problem.phases, at.values, strict=True):
+            h += [np.max(np.abs(v.h * p.h_mask), initial=0.0), np.max(np.abs(v.end_h * p.end_h_mask), initial=0.0)]
+            g += [np.max(-v.g * p.g_mask, initial=0.0), np.max(-v.end_g * p.end_g_mask, initial=0.0)]
+        return float(max(h)), float(max(g))
+
+    def linearise(self) -> list[LqPhase]:
+        """Return the linear-quadratic model at the current iterate."""
+        at, outer = self.current, self.outer
+        return [
+            self.evaluator.lq(i, at.iterate, at.values[i], at.defects[i], outer.duals[i], outer.weight)
+            for i in range(len(self.problem.phases))
+        ]
+
+    # ---- the loop
+
+    def loop(self) -> Status:
+        """Iterate; return how it ended."""
+        if not np.isfinite(self.augmented(self.current) + self.current.gap):
+            return Status.NOT_FINITE
+        self.models = self.linearise()
+        while True:
+            direction = self.direction()
+            if direction is None:
+                return Status.LINE_SEARCH_FAILED
+            stationary = self.is_stationary(direction)
+            if stationary and self.meets_everything():
+                return Status.CONVERGED
+            if stationary or self.is_due():
+                direction = self.advance(stationary=stationary)
+                if self.outer.is_stuck:
+                    return Status.INFEASIBLE
+                if direction is None:
+                    return Status.LINE_SEARCH_FAILED
+            if len(self.history) >= self.o.max_iterations:
+                return Status.ITERATION_LIMIT
+            if self.o.time_limit_s is not None and time.perf_counter() - self.began > self.o.time_limit_s:
+                return Status.TIME_LIMIT
+            size = self.search(direction)
+            self.adapt(size)
+            self.record(direction, size)
+            if self.regularization > self.o.max_regularization:
+                return Status.LINE_SEARCH_FAILED
+            if size > 0.0:
+                self.models = self.linearise()
+
+    def is_stationary(self, direction: Direction) -> bool:
+        """Return whether the current sub-problem is solved."""
+        tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
+        return abs(direction.dV1 + 0.5 * direction.dV2) < tolerance and self.current.max_defect < self.o.max_defect
+
+    def is_due(self) -> bool:
+        """Return whether to leave the current sub-problem unsolved, because it has had its iterations."""
+        return self.inner >= self.o.max_inner and self.current.max_defect < _NEARLY_CLOSED
+
+    def meets_everything(self) -> bool:
+        """Return whether every tolerance is met and the barrier no longer bends the solution."""
+        equality, inequality = self.violations(self.current)
+        met = equality <= self.o.max_equality and inequality <= self.o.max_inequality
+        return met and self.outer.gap_is_closed(self.current.cost)
+
+    def advance(self, *, stationary: bool) -> Direction | None:
+        """Move to the next sub-problem and return its direction."""
+        at = self.current
+        self.outer.update(at.values, at.cost, self.violations(at), stationary=stationary)
+        self.inner = 0
+        self.models = self.linearise()
+        return self.direction()
+
+    def record(self, direction: Direction, size: float) -> None:
+        """Keep and report an iteration."""
+        equality, inequality = self.violations(self.current)
+        record = Record(
+            iteration=len(self.history) + 1, cost=self.current.cost,
+            merit=self.augmented(self.current) + self.rho * self.current.gap,
+            expected=-(direction.dV1 + 0.5 * direction.dV2), max_defect=self.current.max_defect, max_equality=equality,
+            max_inequality=inequality, step_size=size, regularization=self.regularization,
+            barrier_weight=self.outer.weight, wall_s=time.perf_counter() - self.began,
+        )  # fmt: skip
+        self.history.append(record)
+        if self.report:
+            self.report(record)
+
+    # ---- one iteration
+
+    def direction(self) -> Direction | None:
+        """Return the step of the linear-quadratic model, regularised as far as it needs."""
+        while self.regularization <= self.o.max_regularization:
+            sweeps = backward(self.models, self.regularization)
+            if sweeps is not None:
+                self.sweeps = sweeps
+                return roll_out(self.models, sweeps)
+            self.raise_regularization()
+        return None
+
+    def raise_regularization(self) -> None:
+        """Regularise more."""
+        self.regularization = max(4 * self.regularization, self.o.regularization)
+
+    def adapt(self, size: float) -> None:
+        """Regularise less after a good step, more after a short or failed one."""
+        self.inner += 1
+        if size == 0.0:
+            self.raise_regularization()
+            self.raise_regularization()
+        elif size > 0.4:
+            self.regularization = self.regularization / 4 if self.regularization > self.o.regularization else 0.0
+        elif size < 0.1:
+            self.raise_regularization()
+
+    def update_merit(self, direction: Direction) -> None:
+        """Choose the weight ρ of the defects so that the model predicts a decrease of the merit.
+
+        ρ is forgotten slowly, because a smaller one than the multipliers lets defects and cost take turns; where they
+        do, the sub-problem outlasts its iterations and the least ρ is doubled.
+        """
+        gap, change = self.current.gap, direction.dV1 + 0.5 * max(direction.dV2, 0.0)
+        needed = max(change, 0.0) / ((1 - self.o.merit_margin) * gap) if gap > 1e-12 else 0.0
+        if self.inner > 4 * self.o.max_inner and self.inner % self.o.max_inner == 0:
+            self.least_rho *= 2
+        self.rho = max(needed, 0.98 * self.rho, self.least_rho)
+
+    def search(self, direction: Direction) -> float:
+        """Return the step accepted by the merit line search, 0 if none; moves the current iterate.
+
+        A trial whose defects grew with its curvature gets a second-order correction before it is given up.
+        """
+        self.update_merit(direction)
+        gap = self.current.gap
+        before = self.augmented(self.current) + self.rho * gap
+        size = 1.0
+        while size >= self.o.min_step:
+            expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap
+            bound = before + self.o.armijo * expected + 1e-12 * abs(before)
+            trial = self.trial(self.current.iterate, direction.dx, direction.du, size)
+            for correction in range(self.o.corrections + 1):
+                merit = self.augmented(trial) + self.rho * trial.gap
+                if np.isfinite(merit) and merit <= bound:
+                    self.current = trial
+                    return size
+                blamed = np.isfinite(merit) and trial.gap > (1 - 0.9 * size) * gap
+                if not blamed or correction == self.o.corrections:
+                    break
+                trial = self.trial(trial.iterate, *close_defects(self.models, self.sweeps, trial.defects), 1.0)
+            size *= self.o.step_shrink
+        return 0.0
+
+    def trial(self, start: Iterate, dx: list[Array], du: list[Array], size: float) -> Evaluated:
+        """Return the iterate a step away."""
+        feedback = [sweep.feedback for sweep in self.sweeps]
+        return self.evaluate(move(self.evaluator, start, dx, du, size, self.shooting, feedback))
+
+
+_NEARLY_CLOSED = 0.05  # defects below this let an unsolved sub-problem be left
