@@ -218,13 +218,11 @@ def _compare(
     rows = mode.rows[group]
     for term in dict.fromkeys(row.term for row in rows):
         index = [i for i, row in enumerate(rows) if row.term == term]
-        part = Difference(
-            difference.full[index], difference.half[index], difference.coarse[index], difference.coarse_half[index],
-            difference.size[index],
-        )  # fmt: skip
         labels = tuple(compiled.row_name(rows[i]) for i in index)
         source = str(compiled.terms[term].source) if term >= 0 else ""
-        for finding in _blocks(where, output, compiled.term_name(rows[index[0]]), labels, J[index], part, split, noise):
+        for finding in _blocks(
+            where, output, compiled.term_name(rows[index[0]]), labels, J[index], difference.part(index), split, noise
+        ):
             yield replace(finding, source=source)
 
 
@@ -237,18 +235,17 @@ def _blocks(
     for by, first, last in zip("xuz", edges[:-1], edges[1:], strict=True):
         if last == first or len(J) == 0:
             continue
-        columns = slice(first, last)
-        full, half = difference.full[:, columns], difference.half[:, columns]
-        J_by = J[:, columns]
-        rounding = noise * np.finfo(float).eps * np.maximum(1.0, difference.size)[:, None] / STEP
-        truncation = np.abs(full - half) / 3
+        part = difference.part(slice(None), slice(first, last))
+        J_by = J[:, first:last]
+        rounding = noise * np.finfo(float).eps * np.maximum(1.0, part.size)[:, None] / STEP
+        truncation = np.abs(part.full - part.half) / 3
         allowed = _MARGIN * truncation + rounding
-        error = np.where(np.isfinite(J_by), np.abs(J_by - half), np.inf)
+        error = np.where(np.isfinite(J_by), np.abs(J_by - part.half), np.inf)
         ratio = np.where(np.isfinite(error), error / allowed, np.inf)
         row, column = (int(i) for i in np.unravel_index(int(np.argmax(ratio)), ratio.shape))
-        span = 1.0 + np.max(np.abs(half), initial=0.0)
+        rough = _ROUGH * (1.0 + np.max(np.abs(part.half), initial=0.0))
+        smooth = bool(np.max(truncation, initial=0.0) <= rough) and not part.has_kink(rough)
+        rate = rate_of(J_by, part.coarse, part.coarse_half, float(rounding.max()))
         yield Finding(
-            where, output, by, term, labels[row], float(error[row, column]), float(allowed[row, column]),
-            rate_of(J_by, difference.coarse[:, columns], difference.coarse_half[:, columns], float(rounding.max())),
-            bool(np.max(truncation, initial=0.0) <= _ROUGH * span),
-        )  # fmt: skip
+            where, output, by, term, labels[row], float(error[row, column]), float(allowed[row, column]), rate, smooth
+        )

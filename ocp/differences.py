@@ -16,13 +16,36 @@ COARSE = 40  # the rate of convergence is measured at this many times the step
 
 @dataclass(frozen=True)
 class Difference:
-    """Central differences of one output, (rows, directions): at STEP, half of it, coarse ones; its size (rows,)."""
+    """Central differences of one output, all (rows, directions).
+
+    Args:
+        full, half: at STEP and at half of it.
+        coarse, coarse_half: the same at COARSE times the step.
+        bend, bend_half: difference of the slopes ahead and behind, at STEP and at half of it; of a smooth function it
+            halves with the step, at a kink it stays.
+        size: largest |value|, (rows,).
+    """
 
     full: Array
     half: Array
     coarse: Array
     coarse_half: Array
+    bend: Array
+    bend_half: Array
     size: Array
+
+    def part(self, rows: Sequence[int] | slice, columns: slice = slice(None)) -> Difference:
+        """Return the differences of some rows by some directions."""
+        full, half, coarse, coarse_half, bend, bend_half = (
+            table[rows][:, columns]
+            for table in (self.full, self.half, self.coarse, self.coarse_half, self.bend, self.bend_half)
+        )
+        return Difference(full, half, coarse, coarse_half, bend, bend_half, self.size[rows])
+
+    def has_kink(self, tolerance: float) -> bool:
+        """Return whether slopes ahead and behind differ by more than a tolerance, and not less at half the step."""
+        kinks = (self.bend_half > 0.8 * self.bend) & (self.bend_half > tolerance)
+        return bool(np.any(kinks))
 
 
 def differences_of(function: Callable[[Array], Sequence[Array]], scale: Array) -> list[Difference]:
@@ -30,12 +53,14 @@ def differences_of(function: Callable[[Array], Sequence[Array]], scale: Array) -
     n, out = len(scale), []
     lengths = STEP * np.array([1.0, 0.5, COARSE, 0.5 * COARSE])
     directions = np.diag(scale)
-    steps = np.concatenate([sign * length * directions for length in lengths for sign in (1, -1)])
-    for values in function(steps):
-        table = values.reshape(4, 2, n, -1)
-        slopes = (table[:, 0] - table[:, 1]) / (2 * lengths[:, None, None] * scale[:, None])
-        full, half, coarse, coarse_half = (slope.T for slope in slopes)
-        out.append(Difference(full, half, coarse, coarse_half, np.max(np.abs(table[:2]), axis=(0, 1, 2), initial=0.0)))
+    steps = [sign * length * directions for length in lengths for sign in (1, -1)]
+    for values in function(np.concatenate([*steps, np.zeros((1, n))])):
+        ahead, behind = np.moveaxis(values[:-1].reshape(4, 2, n, -1), 1, 0)
+        span = lengths[:, None, None] * scale[:, None]
+        full, half, coarse, coarse_half = ((ahead - behind) / (2 * span)).swapaxes(1, 2)
+        bend, bend_half = np.abs((ahead + behind - 2 * values[-1]) / span)[:2].swapaxes(1, 2)
+        size = np.max(np.abs(values), axis=0, initial=0.0)
+        out.append(Difference(full, half, coarse, coarse_half, bend, bend_half, size))
     return out
 
 

@@ -114,5 +114,5 @@ def follow(shown: Sequence[Snapshot], rate: float) -> Array:
     kernel /= kernel.sum()
     padded = np.pad(places, ((reach, reach), (0, 0)), mode="edge")
     smooth = np.stack([np.convolve(padded[:, axis], kernel, mode="valid") for axis in range(3)], axis=1)
-    smooth[:, 2] = 0.5 * smooth[:, 2] + 0.5 * places[:, 2].mean()
+    smooth[:, 2] = 0.7 * smooth[:, 2] + 0.3 * places[:, 2].mean()
     return smooth

@@ -38,7 +38,7 @@ class Studio:
         *,
         azimuth: float = 60.0,
         elevation: float = -14.0,
-        distance: float = 4.0,
+        distance: float = 3.7,
     ) -> None:
         import mujoco
 

@@ -1,0 +1,226 @@
+"""Every derivative of every model, mode, term and reset agrees with differences at the rate that differences allow."""
+
+import inspect
+from dataclasses import replace
+from functools import cache
+
+import casadi as cs
+import numpy as np
+import pytest
+
+from piaffe import models, ocp
+from piaffe.models import constraints, stance
+from piaffe.ocp.compiled import CompiledProblem
+from piaffe.ocp.derivative_check import Finding, check_derivatives
+
+ROBOTS = ("mini_cheetah", "solo12", "go2", "anymal_c")
+SHIPPED = {
+    "friction_cone": constraints.friction_cone(mu=0.6),
+    "torque_limits": constraints.torque_limits(),
+    "joint_limits": constraints.joint_limits(),
+    "joint_speed_limits": constraints.joint_speed_limits(),
+    "base_height": constraints.base_height(minimum=0.1),
+    "foot_clearance": constraints.foot_clearance(),
+}
+NOT_TRACKED = ("feet.contact", "feet.landing")  # numbers of the node
+
+
+def quantities(model: ocp.ModelBase) -> list[str]:
+    """Return the paths of all quantities of a model, of two of its frames only."""
+    sizes = (model.state.nx, model.control.nx, model.implicit_size("contact"))
+    slots = {slot.name: cs.SX.sym(slot.name, slot.size) for slot in model.slots}
+    x, u, z = (cs.SX.sym(name, size) for name, size in zip("xuz", sizes, strict=True))
+    paths = model.dynamics("contact", x, u, z, {**slots, "dt": cs.SX.sym("dt")}).quantities.paths
+    frames = sorted({path.split(".")[1] for path in paths if path.startswith("frames.")})
+    kept = frames[:1] + frames[-1:]
+    return [p for p in paths if p not in NOT_TRACKED and (not p.startswith("frames.") or p.split(".")[1] in kept)]
+
+
+def needs_control(path: str) -> bool:
+    return path in ("feet.force", "joints.torque", "joints.acceleration")
+
+
+def everything(*given: ocp.ModelBase) -> ocp.Objective:
+    """Return costs on every quantity that one of the models has, tracked or kept small, running and at ends."""
+    paths = list(dict.fromkeys(path for model in given for path in quantities(model)))
+    moving = ("base.position", "base.orientation", "base.linear_velocity", "base.angular_velocity")
+    terms = [ocp.track(path) if path in moving else ocp.regularize(path) for path in paths]
+    terms += [ocp.track("base.orientation", to=(0.3, -0.2, 0.1), name="tilt")]
+    terms += [ocp.regularize(path, at="phase_end") for path in paths if not needs_control(path)]
+    return ocp.Objective(*terms)
+
+
+@cache
+def robot(name: str) -> models.Robot:
+    return models.load(name)
+
+
+def hop(feet: tuple[str, ...]) -> ocp.Motion:
+    """Stand, fly, land on two feet, then on all of them: every kind of contact set and touchdown."""
+    two = " ".join((feet[0], feet[-1]))
+    return ocp.Motion(
+        ocp.Phase("stand", stance(" ".join(feet)), 0.04, {"rpy": (0.2, 0.1, -0.3), "joints": "crouch"}),
+        ocp.Phase("flight", stance(""), 0.04, {"rpy": (0.5, -0.2, 0.2), "joints": "stand"}),
+        ocp.Phase("half", stance(two), 0.04, {"rpy": (0.2, 0.3, 0.2), "joints": "crouch"}),
+        ocp.Phase("stand again", stance(" ".join(feet)), 0.04, {"rpy": (0.0, 0.0, 0.0), "joints": "stand"}),
+    )
+
+
+def whole_body(name: str, **options: str) -> ocp.Problem:
+    body = models.WholeBody(robot(name), **options)  # type: ignore[arg-type]  # an integrator
+    return ocp.Problem(
+        hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), ocp.Constraints(*SHIPPED.values()),
+        initial=body.state(joints="stand", rpy=(0.1, 0.2, 0.3)),
+    )  # fmt: skip
+
+
+def rigid_body() -> ocp.Problem:
+    body = models.SingleRigidBody(robot("mini_cheetah"))
+    limits = ocp.Constraints(SHIPPED["friction_cone"], SHIPPED["base_height"])
+    return ocp.Problem(
+        hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), limits,
+        initial=body.state(rpy=(0.1, 0.2, 0.3)),
+    )  # fmt: skip
+
+
+def cascade() -> ocp.Problem:
+    """The models meet where feet touch down: an impact, then the projection."""
+    body, rest = models.WholeBody(robot("mini_cheetah")), models.SingleRigidBody(robot("mini_cheetah"))
+    objective = ocp.Objective(
+        ocp.regularize("joints.torque"), ocp.regularize("feet.force", 0.01), ocp.track("base.orientation")
+    )
+    schedule = body.over(0.08, dt=0.02) + rest.over(0.08, dt=0.02)
+    return ocp.Problem(hop(body.robot.foot_names), schedule, objective, initial=body.state(joints="stand"))
+
+
+def ball() -> ocp.Problem:
+    restitution = ocp.parameter("restitution", 0.8)
+    model = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+        modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81 - 0.1 * s.vz**3}},
+    )  # fmt: skip
+    bounce = ocp.Motion(
+        ocp.Phase("drop", "fall", 0.3, until=ocp.equality(lambda s: s.z, name="ground"),
+                  reset=ocp.reset(lambda s: {"vz": -restitution * s.vz * cs.exp(-0.1 * s.vz**2)})),
+        ocp.Phase("rise", "fall", 0.2, {"z": 0.6}),
+    )  # fmt: skip
+    objective = ocp.Objective(ocp.track("z", at="end"), ocp.regularize("thrust", 0.01))
+    return ocp.Problem(bounce, model.until_end(dt=0.1), objective, initial=[1.0, 0.0])
+
+
+def tumbling(integrator: str) -> ocp.Problem:
+    """A state with a rotation between vectors, without control."""
+    inertia = cs.DM([1.0, 2.0, 4.0])
+
+    def free(s: ocp.view.NodeView) -> dict[str, cs.SX]:
+        return {"h": -s.h, "q": s.w, "w": -cs.cross(s.w, inertia * s.w) / inertia}
+
+    model = ocp.Model("tumbling", state={"h": 1, "q": "rotation", "w": 3}, modes={"free": free}, integrator=integrator)  # type: ignore[arg-type]  # one of three
+    motion = ocp.Motion(ocp.Phase("free", "free", 0.4, {"q": (0.4, -0.2, 3.0)}))
+    objective = ocp.Objective(ocp.track("q"), ocp.track("q", at="end"), ocp.track("w", 0.1))
+    return ocp.Problem(motion, model.until_end(dt=0.1), objective, initial=[1.0, 1.0, 0, 0, 0, 0.5, -1.0, 2.0])
+
+
+PROBLEMS = {
+    **{f"whole body of {name}": lambda name=name: whole_body(name) for name in ROBOTS},
+    "whole body, semi-implicit": lambda: whole_body("mini_cheetah", integrator="semi_implicit"),
+    "single rigid body": rigid_body,
+    "whole body to rigid body": cascade,
+    "ball with a reset": ball,
+    "rotation, euler": lambda: tumbling("euler"),
+    "rotation, rk4": lambda: tumbling("rk4"),
+}
+
+
+@cache
+def compiled(name: str) -> CompiledProblem:
+    return ocp.compile_problem(PROBLEMS[name](), checks=False)
+
+
+@cache
+def findings(name: str) -> list[Finding]:
+    return check_derivatives(compiled(name), points=2)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_every_derivative_agrees_with_differences(name: str) -> None:
+    assert [finding for finding in findings(name) if not finding.agrees] == []
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_differences_approach_every_derivative_at_second_order(name: str) -> None:
+    rates = {(f.output, f.by, f.term): f.rate for f in findings(name) if f.rate is not None}
+    assert {key: rate for key, rate in rates.items() if rate < 1.9} == {}
+
+
+@pytest.mark.parametrize("name", ["whole body of mini_cheetah", "whole body to rigid body", "ball with a reset"])
+def test_every_term_mode_and_reset_is_compared(name: str) -> None:
+    problem = compiled(name)
+    where = {finding.where for finding in findings(name)}
+    assert {f"model '{p.mode.model.name}', mode '{p.mode.key}'" for p in problem.phases} <= where
+    assert {
+        f"reset '{a.name}' → '{b.name}'"
+        for a, b in zip(problem.phases[:-1], problem.phases[1:], strict=True)
+        if a.resets
+    } <= where
+    bound = {problem.terms[k].name for phase in problem.phases for k in phase.mode.bound}
+    assert bound <= {finding.term for finding in findings(name)}
+    assert {"x", "u"} <= {finding.by for finding in findings(name)}
+
+
+def test_the_whole_body_is_compared_through_its_implicit_part() -> None:
+    found = {(finding.output, finding.by) for finding in findings("whole body of mini_cheetah")}
+    assert {("r", "x"), ("r", "u"), ("r", "z"), ("d", "z"), ("g", "z"), ("d (z)", "x"), ("d (z)", "u")} <= found
+
+
+def test_every_shipped_constraint_is_among_those_compared() -> None:
+    public = {
+        name
+        for name, function in inspect.getmembers(constraints, inspect.isfunction)
+        if not name.startswith("_") and function.__module__ == constraints.__name__
+    }
+    assert public == set(SHIPPED)
+
+
+def spoilt(problem: CompiledProblem, output: str) -> CompiledProblem:
+    """Return a problem in which one entry of one derivative of its first mode is off by 1e-4."""
+    mode = problem.phases[0].mode
+    good = mode.functions["stage_d"]
+    arguments = good.sx_in()
+    outputs = dict(zip(good.name_out(), good.call(arguments), strict=True))
+    wrong = np.zeros(outputs[output].shape)
+    wrong[0, 0] = 1e-4
+    outputs[output] = outputs[output] + wrong
+    bad = cs.Function("stage_d", arguments, list(outputs.values()), good.name_in(), good.name_out())
+    changed = replace(mode, functions={**mode.functions, "stage_d": bad})
+    phases = tuple(replace(phase, mode=changed) if phase.mode is mode else phase for phase in problem.phases)
+    return replace(problem, phases=phases)
+
+
+@pytest.mark.parametrize("output", ["d_w", "residual_w"])
+def test_a_wrong_derivative_is_found_and_named(output: str) -> None:
+    found = [f for f in check_derivatives(spoilt(compiled("ball with a reset"), output)) if not f.agrees]
+    assert [f.output for f in found] == [output[:-2]]
+    assert found[0].error == pytest.approx(1e-4, rel=1e-3)
+    assert found[0].allowed < 1e-7
+
+
+@pytest.mark.parametrize("beside", [0.0, 2e-5])
+def test_a_kink_is_found(beside: float) -> None:
+    model = ocp.Model("cart", state={"p": 1}, control={"v": 1}, modes={"go": lambda s: {"p": s.v}})
+    motion = ocp.Motion(ocp.Phase("go", "go", 0.2))
+    kink = ocp.residual(lambda s: cs.fmax(s.p - 1.0 - beside, 0)).weighted(1.0, name="kink")
+    problem = ocp.Problem(motion, model.until_end(dt=0.1), ocp.Objective(kink, ocp.regularize("v")), initial=[1.0])
+    found = [f for f in check_derivatives(ocp.compile_problem(problem)) if not f.agrees]
+    assert [(f.term, f.by) for f in found] == [("kink", "x")]
+    assert not found[0].smooth
+    assert found[0].source.startswith("test_derivatives.py:")
+
+
+def test_a_value_that_is_not_finite_does_not_agree() -> None:
+    model = ocp.Model("cart", state={"p": 1}, control={"v": 1}, modes={"go": lambda s: {"p": s.v}})
+    motion = ocp.Motion(ocp.Phase("go", "go", 0.2))
+    root = ocp.residual(lambda s: cs.sqrt(s.p)).weighted(1.0, name="root")
+    problem = ocp.Problem(motion, model.until_end(dt=0.1), ocp.Objective(root, ocp.regularize("v")), initial=[0.0])
+    found = [f for f in check_derivatives(ocp.compile_problem(problem, checks=False)) if not f.agrees]
+    assert {f.term for f in found} == {"root"}
