@@ -110,28 +110,22 @@ class Model(ModelBase):
 
     def vector_field(self, key: str, x: cs.SX, u: cs.SX) -> cs.SX:
         """Return the stacked derivatives of a mode (tangent; or next values, if discrete)."""
+        where = f"model '{self.name}' ({self.source}), mode '{key}'"
         given = dict(self.modes[key](NodeView(self.quantities_at(x, u))))
+        paths = [block.quantity.path for block in self.state.blocks]
+        missing = [path for path in paths if path not in given]
+        if missing or len(given) > len(paths):
+            what = "a state has no derivative" if missing else "unknown states"
+            raise ModelError(f"{where}: {what} - got {sorted(given)}, expected {paths}; return exactly these")
         parts = []
-        for block in self.state.blocks:
-            path = block.quantity.path
-            if path not in given:
-                raise ModelError(
-                    f"model '{self.name}', mode '{key}': a state has no derivative - got {sorted(given)}, expected "
-                    f"also '{path}'; return it"
-                )
-            value = column(given.pop(path))
+        for block, path in zip(self.state.blocks, paths, strict=True):
+            value = column(given[path])
             size = block.nx if self.integrator == "discrete" else block.ndx
             if value.numel() != size:
                 raise ShapeError(
-                    f"model '{self.name}', mode '{key}': '{path}' has the wrong size - got {value.numel()}, expected "
-                    f"{size}; return as many"
+                    f"{where}: '{path}' has the wrong size - got {value.numel()}, expected {size}; return as many"
                 )
             parts.append(value)
-        if given:
-            raise ModelError(
-                f"model '{self.name}', mode '{key}': unknown states - got {sorted(given)}, expected "
-                f"{[b.quantity.path for b in self.state.blocks]}; rename them"
-            )
         return cs.vertcat(*parts)
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:

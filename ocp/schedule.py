@@ -60,6 +60,13 @@ class Schedule:
     def without(self, *terms: Cost | Constraint | Iterable[Cost | Constraint]) -> Schedule:
         """Return the schedule with terms (or whole objectives, constraint sets) left out of all its segments."""
         out: list[Cost | Constraint] = []
-        for term in terms:
-            out.extend(term if isinstance(term, Iterable) else (term,))
+        for given in terms:
+            out.extend(given if isinstance(given, Iterable) and not isinstance(given, str) else (given,))
+        for term in out:
+            if not hasattr(term, "structure"):  # the classes of terms know schedules, not the other way round
+                raise ProblemError(
+                    f"schedule ({caller()}): without takes terms - got {term!r}, expected costs, constraints or sets "
+                    "of "
+                    "them; pass the objects"
+                )
         return Schedule(tuple(replace(s, excluded=s.excluded + tuple(out)) for s in self.segments))

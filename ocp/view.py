@@ -27,7 +27,7 @@ class Values(cs.SX):
 
 def column(value: Any) -> cs.SX:
     """Return what a user's function gave - an expression, a number, an array or a list of these - as one column."""
-    return cs.vec(cs.vertcat(*value) if isinstance(value, list | tuple) else cs.SX(value))
+    return cs.vec(cs.SX(cs.vertcat(*value) if isinstance(value, list | tuple) else value))
 
 
 class NodeView:

@@ -34,7 +34,8 @@ class UnknownNameError(ModelError, KeyError):
         self.name = name
         self.known = tuple(known)
         close = " or ".join(map(repr, get_close_matches(name, self.known, n=3, cutoff=0.4)))
-        self.hint = f" (did you mean {close}?)" if close else ""
+        nearest = get_close_matches(name, self.known, n=1, cutoff=0.8)
+        self.hint = f" (did you mean '{nearest[0]}'?)" if nearest else ""
         advice = f"did you mean {close}?" if close else "use one of the names that exist"
         super().__init__(f"{where}: no {what} '{name}' - got '{name}', expected one of {list(self.known)}; {advice}")
 

@@ -1,4 +1,4 @@
-"""Rotations: the algebra of Exp and Log, their derivatives at the branches, and the agreement of both implementations."""
+"""Rotations: the algebra of Exp and Log, derivatives at their branches, agreement of both implementations."""
 
 from math import pi
 
@@ -85,7 +85,10 @@ def test_derivatives_match_central_differences(axes, angle):
         (EXP, jacobian(rotation.exp, 3), angle * axes[0]),
         (LOG, jacobian(rotation.log, 4), rotation.np_exp(angle * axes[0])),
     ]:
-        columns = [(np.array(function(at + d)) - np.array(function(at - d))).ravel() / (2 * step) for d in step * np.eye(len(at))]
+        columns = [
+            (np.array(function(at + d)) - np.array(function(at - d))).ravel() / (2 * step)
+            for d in step * np.eye(len(at))
+        ]
         assert np.array(J(at)) == pytest.approx(np.array(columns).T, abs=1e-8)
 
 
