@@ -238,14 +238,15 @@ def _blocks(
         part = difference.part(slice(None), slice(first, last))
         J_by = J[:, first:last]
         rounding = noise * np.finfo(float).eps * np.maximum(1.0, part.size)[:, None] / STEP
-        truncation = np.abs(part.full - part.half) / 3
-        allowed = _MARGIN * truncation + rounding
-        error = np.where(np.isfinite(J_by), np.abs(J_by - part.half), np.inf)
-        ratio = np.where(np.isfinite(error), error / allowed, np.inf)
+        finite = np.isfinite(J_by) & np.isfinite(part.full) & np.isfinite(part.half)
+        truncation = np.abs(np.where(finite, part.full, 0.0) - np.where(finite, part.half, 0.0)) / 3
+        allowed = _MARGIN * truncation + np.where(np.isfinite(rounding), rounding, 0.0)
+        error = np.where(finite, np.abs(np.where(finite, J_by, 0.0) - np.where(finite, part.half, 0.0)), np.inf)
+        ratio = np.divide(error, allowed, where=allowed > 0, out=np.full_like(error, np.inf))
         row, column = (int(i) for i in np.unravel_index(int(np.argmax(ratio)), ratio.shape))
-        rough = _ROUGH * (1.0 + np.max(np.abs(part.half), initial=0.0))
+        rough = _ROUGH * (1.0 + np.max(np.abs(part.half), where=finite, initial=0.0))
         smooth = bool(np.max(truncation, initial=0.0) <= rough) and not part.has_kink(rough)
-        rate = rate_of(J_by, part.coarse, part.coarse_half, float(rounding.max()))
+        rate = rate_of(J_by, part.coarse, part.coarse_half, float(rounding.max())) if finite.all() else None
         yield Finding(
             where, output, by, term, labels[row], float(error[row, column]), float(allowed[row, column]), rate, smooth
         )

@@ -57,8 +57,9 @@ def differences_of(function: Callable[[Array], Sequence[Array]], scale: Array) -
     for values in function(np.concatenate([*steps, np.zeros((1, n))])):
         ahead, behind = np.moveaxis(values[:-1].reshape(4, 2, n, -1), 1, 0)
         span = lengths[:, None, None] * scale[:, None]
-        full, half, coarse, coarse_half = ((ahead - behind) / (2 * span)).swapaxes(1, 2)
-        bend, bend_half = np.abs((ahead + behind - 2 * values[-1]) / span)[:2].swapaxes(1, 2)
+        with np.errstate(invalid="ignore"):  # what is not finite stays so
+            full, half, coarse, coarse_half = ((ahead - behind) / (2 * span)).swapaxes(1, 2)
+            bend, bend_half = np.abs((ahead + behind - 2 * values[-1]) / span)[:2].swapaxes(1, 2)
         size = np.max(np.abs(values), axis=0, initial=0.0)
         out.append(Difference(full, half, coarse, coarse_half, bend, bend_half, size))
     return out

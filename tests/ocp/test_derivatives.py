@@ -220,7 +220,7 @@ def test_a_kink_is_found(beside: float) -> None:
 def test_a_value_that_is_not_finite_does_not_agree() -> None:
     model = ocp.Model("cart", state={"p": 1}, control={"v": 1}, modes={"go": lambda s: {"p": s.v}})
     motion = ocp.Motion(ocp.Phase("go", "go", 0.2))
-    root = ocp.residual(lambda s: cs.sqrt(s.p)).weighted(1.0, name="root")
+    root = ocp.residual(lambda s: cs.vertcat(cs.sqrt(s.p), 1 / s.p)).weighted(1.0, name="root")
     problem = ocp.Problem(motion, model.until_end(dt=0.1), ocp.Objective(root, ocp.regularize("v")), initial=[0.0])
     found = [f for f in check_derivatives(ocp.compile_problem(problem, checks=False)) if not f.agrees]
     assert {f.term for f in found} == {"root"}

@@ -144,7 +144,8 @@ def print_derivatives(console: Console, findings: list[Finding]) -> None:
     for finding in findings:
         if finding.agrees:
             continue
-        what = "is not smooth here" if not finding.smooth else "disagrees with differences"
+        what = "is not finite here" if math.isinf(finding.error) else "disagrees with differences"
+        what = what if finding.smooth or math.isinf(finding.error) else "is not smooth here"
         source = f" ({finding.source})" if finding.source else ""
         console.print(
             f"[red]{finding.term}{source}[/]: {finding.output} by {finding.by} {what} at '{finding.row}' - got an "

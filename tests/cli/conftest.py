@@ -1,0 +1,97 @@
+"""Problem files and their solutions, made once with the commands themselves."""
+
+from pathlib import Path
+
+import pytest
+
+from piaffe.cli import main
+
+BALL = '''
+from piaffe import ocp
+
+ball = ocp.Model(
+    "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+    modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81}},
+)
+bounce = ocp.Motion(
+    ocp.Phase("drop", "fall", 0.45, until=ocp.equality(lambda s: s.z, name="ground", unit="m"),
+              reset=ocp.reset(lambda s: {"vz": -0.8 * s.vz})),
+    ocp.Phase("rise", "fall", 0.40, {"z": 0.6}),
+)
+objective = ocp.Objective(ocp.track("z", 10.0, at="end"), ocp.regularize("thrust", 0.1))
+limits = ocp.Constraints(ocp.inequality(lambda s: s.thrust, lower=-3, upper=3, name="thrust limit", unit="N"))
+problem = ocp.Problem(bounce, ball.until_end(dt=0.01), objective, limits, initial=[1.0, 0.0])
+
+
+def made():
+    """Return the problem from another height."""
+    return problem.with_initial([1.1, 0.0])
+
+
+def broken():
+    return 1 / 0
+
+
+kink = ocp.Problem(
+    ocp.Motion(ocp.Phase("fall", "fall", 0.1)), ball.until_end(dt=0.05),
+    objective + ocp.residual(lambda s: abs(s.z - 1.0)).weighted(1.0, name="kink"), initial=[1.0, 0.0],
+)
+singular = ocp.Problem(
+    ocp.Motion(ocp.Phase("fall", "fall", 0.1)), ball.until_end(dt=0.05),
+    objective + ocp.residual(lambda s: s.vz**0.5).weighted(1.0, name="root"), initial=[1.0, 0.0],
+)
+impossible = ocp.Problem(
+    ocp.Motion(ocp.Phase("fall", "fall", 0.1)), ball.until_end(dt=0.05), objective,
+    ocp.Constraints(ocp.inequality(lambda s: s.z, lower=2.0, name="ceiling", unit="m")), initial=[1.0, 0.0],
+)
+'''
+
+HOP = """
+from piaffe import models, ocp
+from piaffe.models import base, joints, stance
+
+body = models.WholeBody(models.load("mini_cheetah"))
+feet = stance("FL FR HL HR")
+hop = ocp.Motion(
+    ocp.Phase("push", feet, 0.16, ocp.Keyframe(position=(0, 0, 0.28), joints="stand")),
+    ocp.Phase("flight", stance(""), 0.12, ocp.Keyframe(position=(0, 0, 0.27), joints="stand")),
+    ocp.Phase("land", feet, 0.12, ocp.Keyframe(position=(0, 0, 0.25), joints="stand")),
+)
+objective = ocp.Objective(
+    ocp.track(base.position, 10.0), ocp.track(base.orientation, 5.0), ocp.track(base.linear_velocity, 1.0),
+    ocp.track(base.angular_velocity, 1.0), ocp.track(joints.position, 0.1), ocp.track(joints.velocity, 0.05),
+    ocp.regularize(joints.torque, 0.1),
+)
+limits = ocp.Constraints(models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits())
+problem = ocp.Problem(hop, body.until_end(dt=0.02), objective, limits, initial=body.state(joints="stand"))
+"""
+
+
+@pytest.fixture(scope="session")
+def ball_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("ball") / "ball.py"
+    path.write_text(BALL)
+    return path
+
+
+@pytest.fixture(scope="session")
+def hop_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("hop") / "hop.py"
+    path.write_text(HOP)
+    return path
+
+
+@pytest.fixture(scope="session")
+def ball(ball_file: Path) -> Path:
+    """The ball's solution."""
+    saved = ball_file.with_suffix(".npz")
+    assert main(["solve", str(ball_file), "--save", str(saved), "--json"]) == 0
+    return saved
+
+
+@pytest.fixture(scope="session")
+def hop(hop_file: Path) -> Path:
+    """The hop's solution."""
+    saved = hop_file.with_suffix(".npz")
+    assert main(["solve", str(hop_file), "--save", str(saved), "--json"]) == 0
+    return saved

@@ -1,0 +1,273 @@
+"""The commands: what they print, how they end, and what they say when they cannot do what is asked."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from piaffe import __version__
+from piaffe.cli import main
+
+COMMANDS = ("describe", "solve", "plot", "verify", "video", "view", "check", "doctor")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Return exit code, standard output and standard error of a command."""
+    capsys.readouterr()
+    code = main([str(argument) for argument in arguments])
+    said = capsys.readouterr()
+    return code, said.out, " ".join(said.err.split())
+
+
+# ---- help
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(capsys, "--version") == (0, f"piaffe {__version__}\n", "")
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "--help")
+    assert code == 0
+    assert [command for command in COMMANDS if command not in out] == []
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_help(capsys: pytest.CaptureFixture[str], command: str) -> None:
+    code, out, _ = run(capsys, command, "--help")
+    assert code == 0
+    assert "Usage: piaffe" in out
+
+
+def test_it_runs_as_a_module() -> None:
+    done = subprocess.run([sys.executable, "-m", "piaffe.cli", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"piaffe {__version__}\n"
+
+
+def test_an_unknown_command_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = run(capsys, "gallop")
+    assert code == 2
+    assert "No such command 'gallop'" in err
+
+
+# ---- FILE[:name]
+
+
+@pytest.mark.parametrize("name", ["", ":problem", ":made"])
+def test_describe_takes_a_problem_or_a_function_by_name(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, name: str
+) -> None:
+    code, out, _ = run(capsys, "describe", f"{ball_file}{name}")
+    assert code == 0
+    assert "85 stages over 0.850 s" in out
+    assert "thrust limit" in out
+
+
+def test_a_missing_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capsys, "describe", "/nowhere/ball.py")
+    assert (code, out) == (2, "")
+    assert err == (
+        "error: file '/nowhere/ball.py': not there - got no file, expected a Python file with a problem; check the path"
+    )
+
+
+def test_an_unknown_name_lists_those_that_exist(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    code, _, err = run(capsys, "solve", f"{ball_file}:mad")
+    assert code == 2
+    assert (
+        "no problem 'mad' - got 'mad', expected one of ['problem', 'kink', 'singular', 'impossible', 'made', 'broken']"
+        in err
+    )
+    assert err.endswith("did you mean 'made'?")
+
+
+def test_what_is_no_problem_is_refused(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    code, _, err = run(capsys, "solve", f"{ball_file}:bounce")
+    assert code == 2
+    assert "name 'bounce': is not a problem - got Motion, expected an ocp.Problem or a function that returns one" in err
+
+
+def test_an_error_in_the_file_names_its_line(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    line = ball_file.read_text().splitlines().index("    return 1 / 0") + 1
+    code, _, err = run(capsys, "solve", f"{ball_file}:broken")
+    assert code == 2
+    assert f"ball.py:{line}: the file does not run - got ZeroDivisionError: division by zero" in err
+    with pytest.raises(ValueError, match="division by zero"):
+        main(["--traceback", "solve", f"{ball_file}:broken"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x = (", "the file does not run - got SyntaxError: '(' was never closed"),
+        ("import sys; sys.exit(3)", "exits when imported - got sys.exit(3)"),
+        ("import numppy", "broken.py:1: the file does not run - got ModuleNotFoundError: No module named 'numppy'"),
+    ],
+)  # fmt: skip
+def test_a_file_that_does_not_run_says_why(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, message: str
+) -> None:
+    file = tmp_path / "broken.py"
+    file.write_text(text)
+    code, _, err = run(capsys, "describe", file)
+    assert code == 2
+    assert message in err
+
+
+def test_files_beside_the_problem_can_be_imported(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "shared_ball.py").write_text(ball_file.read_text())
+    (tmp_path / "mine.py").write_text("from shared_ball import problem")
+    assert run(capsys, "describe", tmp_path / "mine.py")[0] == 0
+
+
+# ---- solve
+
+
+def test_solve_prints_one_json_object(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    code, out, err = run(capsys, "solve", ball_file, "--json")
+    assert (code, err) == (0, "")
+    assert out.count("\n") == 1
+    values = json.loads(out)
+    assert (values["status"], values["converged"]) == ("CONVERGED", True)
+    assert values["iterations"] > 0
+    assert values["max_defect"] <= 1e-5
+    assert values["max_equality"] <= 1e-4
+    assert values["max_inequality"] <= 1e-4
+    assert values["wall_s"] >= values["compile_s"] > 0
+    assert values["cost"] == pytest.approx(sum(values["term_costs"].values()))
+
+
+def test_solve_shows_iterations_and_a_summary(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    code, out, _ = run(capsys, "solve", ball_file)
+    assert code == 0
+    assert out.split()[:3] == ["iteration", "cost", "expected"]
+    assert "CONVERGED" in out
+    assert "regularize thrust" in out
+    assert "thrust limit" in out
+
+
+def test_solve_ends_with_1_if_it_does_not_converge(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, tmp_path: Path
+) -> None:
+    saved = tmp_path / "half.npz"
+    code, out, _ = run(capsys, "solve", f"{ball_file}:impossible", "--max-iterations", 3, "--json", "--save", saved)
+    assert code == 1
+    values = json.loads(out)
+    assert (values["status"], values["iterations"]) == ("ITERATION_LIMIT", 3)
+    assert "max_iterations" in values["advice"]
+    assert saved.is_file()
+    code, out, _ = run(capsys, "solve", f"{ball_file}:impossible", "--max-iterations", 3)
+    assert code == 1
+    assert "'ceiling lower'" in out
+
+
+def test_solve_begins_from_a_saved_solution(capsys: pytest.CaptureFixture[str], ball_file: Path, ball: Path) -> None:
+    code, out, _ = run(capsys, "solve", ball_file, "--warm-start", ball, "--json")
+    assert code == 0
+    assert json.loads(out)["iterations"] <= 2
+
+
+# ---- verify
+
+
+def test_verify_prints_one_json_object(capsys: pytest.CaptureFixture[str], ball_file: Path, ball: Path) -> None:
+    code, out, _ = run(capsys, "verify", ball, ball_file, "--json")
+    assert code == 0
+    values = json.loads(out)
+    assert values["verified"]
+    assert values["max_defect"] <= 1e-4
+    assert (values["turns_rad"], values["apex_m"], values["min_foot_z_m"]) == (None, None, None)
+    assert set(values["worst"]) == {"kind", "name", "phase", "node", "amount", "unit", "source"}
+
+
+def test_verify_measures_a_robots_motion(capsys: pytest.CaptureFixture[str], hop_file: Path, hop: Path) -> None:
+    code, out, _ = run(capsys, "verify", hop, hop_file, "--json")
+    assert code == 0
+    values = json.loads(out)
+    assert 0.24 < values["apex_m"] < 0.35
+    assert len(values["turns_rad"]) == 3
+    assert values["turns_x_rad"] == values["turns_rad"][0]
+    assert values["min_foot_z_m"] > -0.01
+    assert values["max_inequality"] <= 1e-3
+
+
+def test_verify_ends_with_1_beyond_the_bounds(capsys: pytest.CaptureFixture[str], ball_file: Path, ball: Path) -> None:
+    """The solution from one height is none from another: the initial state is off by 0.1 m."""
+    code, out, _ = run(capsys, "verify", ball, f"{ball_file}:made", "--json")
+    assert code == 1
+    worst = json.loads(out)["worst"]
+    assert (worst["kind"], worst["phase"], worst["node"]) == ("defect", "drop", 0)
+    assert worst["amount"] == pytest.approx(0.1)
+    code, out, _ = run(capsys, "verify", ball, f"{ball_file}:made")
+    assert code == 1
+    assert "not within the bounds" in out
+
+
+def test_verify_refuses_another_problem(capsys: pytest.CaptureFixture[str], hop_file: Path, ball: Path) -> None:
+    code, _, err = run(capsys, "verify", ball, hop_file)
+    assert code == 2
+    assert (
+        "is not of this problem - got (name, stages, nx, nu) = ('drop', 45, 2, 1), expected ('push', 8, 37, 12)" in err
+    )
+
+
+def test_a_file_that_is_no_solution_is_refused(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    code, _, err = run(capsys, "verify", ball_file, ball_file)
+    assert code == 2
+    assert "error: file 'ball.py': truncated or not an archive" in err
+
+
+# ---- check
+
+
+def test_check_compares_every_derivative(capsys: pytest.CaptureFixture[str], hop_file: Path) -> None:
+    code, out, _ = run(capsys, "check", hop_file)
+    assert code == 0
+    assert "model 'mini_cheetah', mode 'contact'" in out
+    assert "reset 'flight' → 'land'" in out
+    assert "1/((m/s)^2 s)" in out
+    counts = out.splitlines()[-1].split()
+    assert counts[0] == counts[2]
+
+
+def test_check_names_what_is_not_smooth(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    code, out, _ = run(capsys, "check", f"{ball_file}:kink")
+    assert code == 1
+    assert "kink (ball.py:" in out
+    assert "is not smooth here" in out
+
+
+def test_check_names_what_is_not_finite(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
+    code, out, _ = run(capsys, "check", f"{ball_file}:singular")
+    assert code == 1
+    assert "error: term 'root' (ball.py:" in out
+    assert "is not finite here" in out
+
+
+# ---- doctor, view
+
+
+def test_doctor_examines_a_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "doctor", "mini_cheetah")
+    assert code == 0
+    assert "0 errors" in out
+
+
+def test_doctor_takes_feet_as_words(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "doctor", "mini_cheetah", "--feet", "FL_FOOT FR_FOTO")
+    assert code == 1
+    assert "FR_FOTO" in out
+
+
+def test_view_says_that_there_is_no_display(
+    capsys: pytest.CaptureFixture[str], hop: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    code, _, err = run(capsys, "view", hop)
+    assert code == 2
+    assert "view: there is no display - got neither DISPLAY nor WAYLAND_DISPLAY" in err
