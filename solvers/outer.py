@@ -58,7 +58,11 @@ class Outer:
         """Return whether the barrier no longer bends the solution: the last decrease of ε hardly changed the cost."""
         if not self.has_inequalities:
             return True
-        return self._last_cost is not None and abs(cost - self._last_cost) <= self.o.barrier_gap * (1 + abs(cost))
+        return self._last_cost is not None and abs(cost - self._last_cost) <= self.allowed(cost)
+
+    def allowed(self, cost: float) -> float:
+        """Return the suboptimality that the barrier may leave."""
+        return self.o.barrier_gap * (1 + abs(cost))
 
     def near_gap(self, values: list[PhaseValues]) -> float:
         """Return Σ λ g dt over the rows near their bound: a first estimate of the barrier's share of the cost."""
@@ -80,7 +84,7 @@ class Outer:
         if stationary and not self.gap_is_closed(cost):
             self._last_cost = cost
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
-        elif not stationary and self.near_gap(values) > self.o.barrier_gap * (1 + abs(cost)):
+        elif not stationary and self.near_gap(values) > self.allowed(cost):
             self._last_cost = None
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
         self._update_inequalities(values)

@@ -70,6 +70,7 @@ class Run:
         self.regularization = 0.0
         self.rho = self.least_rho = options.merit_offset
         self.inner = 0
+        self.gains: list[float] = []
 
     # ---- evaluation
 
@@ -133,25 +134,33 @@ class Run:
                 self.models = self.linearise()
 
     def is_stationary(self, direction: Direction) -> bool:
-        """Return whether the current sub-problem is solved."""
+        """Return whether the current sub-problem is solved: nothing is expected, or nothing has been gained for long."""
         tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
-        return abs(direction.dV1 + 0.5 * direction.dV2) < tolerance and self.current.max_defect < self.o.max_defect
+        nothing_expected = abs(direction.dV1 + 0.5 * direction.dV2) < tolerance
+        nothing_gained = len(self.gains) >= _PATIENCE and max(self.gains[-_PATIENCE:]) < tolerance
+        return (nothing_expected or nothing_gained) and self.current.max_defect < self.o.max_defect
 
     def is_due(self) -> bool:
-        """Return whether to leave the current sub-problem unsolved, because it has had its iterations."""
-        return self.inner >= self.o.max_inner and self.current.max_defect < _NEARLY_CLOSED
+        """Return whether to leave the current sub-problem unsolved: it has had its iterations, and rows are violated."""
+        if self.inner < self.o.max_inner or self.current.max_defect >= _NEARLY_CLOSED:
+            return False
+        return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(self.current.cost)
 
     def meets_everything(self) -> bool:
         """Return whether every tolerance is met and the barrier no longer bends the solution."""
+        return self.keeps_tolerances() and self.outer.gap_is_closed(self.current.cost)
+
+    def keeps_tolerances(self) -> bool:
+        """Return whether every constraint is met."""
         equality, inequality = self.violations(self.current)
-        met = equality <= self.o.max_equality and inequality <= self.o.max_inequality
-        return met and self.outer.gap_is_closed(self.current.cost)
+        return equality <= self.o.max_equality and inequality <= self.o.max_inequality
 
     def advance(self, *, stationary: bool) -> Direction | None:
         """Move to the next sub-problem and return its direction."""
         at = self.current
         self.outer.update(at.values, at.cost, self.violations(at), stationary=stationary)
         self.inner = 0
+        self.gains = []
         self.models = self.linearise()
         return self.direction()
 
@@ -225,6 +234,7 @@ class Run:
                 merit = self.augmented(trial) + self.rho * trial.gap
                 if np.isfinite(merit) and merit <= bound:
                     self.current = trial
+                    self.gains.append(before - merit)
                     return size
                 blamed = np.isfinite(merit) and trial.gap > (1 - 0.9 * size) * gap
                 if not blamed or correction == self.o.corrections:
@@ -239,4 +249,5 @@ class Run:
         return self.evaluate(move(self.evaluator, start, dx, du, size, self.shooting, feedback))
 
 
+_PATIENCE = 8  # steps that gain next to nothing before a sub-problem counts as solved
 _NEARLY_CLOSED = 0.05  # defects below this let an unsolved sub-problem be left
