@@ -18,8 +18,8 @@ import numpy as np
 
 from piaffe import solvers
 from piaffe.solvers.iterate import Iterate
-from piaffe.solvers.ms_ilqr import Run
 from piaffe.solvers.riccati import backward, roll_out
+from piaffe.solvers.run import Run
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 Parts = dict[str, Callable[[], object]]
@@ -27,7 +27,7 @@ Parts = dict[str, Callable[[], object]]
 
 def parts_of(solver: solvers.MSiLQR) -> Parts:
     """Return what one iteration consists of, at the initial guess, and the same evaluation node by node."""
-    run = Run(solver, solver.start(None), None)
+    run = Run(solver.evaluator, solver.options, solver.start(None), solver.flags(True), None)
     models = run.linearise()
     regularization = 1e-6
     while (sweeps := backward(models, regularization)) is None:

@@ -8,11 +8,16 @@ import pytest
 from piaffe.ocp import compile_problem
 from piaffe.solvers import LqPhase, MSiLQR, barrier
 from piaffe.solvers.iterate import Iterate
-from piaffe.solvers.ms_ilqr import Run
+from piaffe.solvers.run import Run
 
 from ..problems import PROBLEMS, linear_quadratic
 
 STEP = 1e-6  # central differences: error of order STEP² from curvature and 1e-16/STEP from rounding
+
+
+def begin(solver: MSiLQR, start: Iterate) -> Run:
+    """Return a run that stands at ``start``, all nodes shooting."""
+    return Run(solver.evaluator, solver.options, start, solver.flags(True), None)
 
 
 def somewhere(name: str) -> Run:
@@ -23,9 +28,9 @@ def somewhere(name: str) -> Run:
     tangents = [rng.normal(scale=0.1, size=(p.num_stages + 1, p.mode.state.ndx)) for p in phases]
     states = [p.mode.state.np_plus(p.guess_states, dx) for p, dx in zip(phases, tangents, strict=True)]
     controls = [p.guess_controls + rng.normal(size=p.guess_controls.shape) for p in phases]
-    run = Run(solver, Iterate(states, controls), None)
-    run.weight = 0.3
-    for dual in run.duals:
+    run = begin(solver, Iterate(states, controls))
+    run.outer.weight = 0.3
+    for dual in run.outer.duals:
         for key in ("relaxation", "end_relaxation", "penalty", "end_penalty"):
             setattr(dual, key, rng.uniform(0.5, 2.0, size=getattr(dual, key).shape))
         for key in ("multiplier", "end_multiplier"):
@@ -129,8 +134,10 @@ def test_masked_rows_count_for_nothing() -> None:
     ]
     assert np.all(weights[0][:, -1] == 0)  # the tension's cost is masked while the rope is slack
     assert np.all(weights[1][:, -1] > 0)
-    run.duals[0].end_multiplier = run.duals[0].end_multiplier + 1.0  # the length counts where the rope tightens
-    run.duals[1].end_multiplier = run.duals[1].end_multiplier + 1.0  # and nowhere else
+    run.outer.duals[0].end_multiplier = (
+        run.outer.duals[0].end_multiplier + 1.0
+    )  # the length counts where the rope tightens
+    run.outer.duals[1].end_multiplier = run.outer.duals[1].end_multiplier + 1.0  # and nowhere else
     change = run.current.values[0].end_h.item()
     assert run.augmented(run.current) - before == pytest.approx(change)
 
@@ -138,12 +145,12 @@ def test_masked_rows_count_for_nothing() -> None:
 def test_hessian_is_that_of_gauss_and_newton() -> None:
     run = somewhere("bouncing ball")
     model, (phase, _) = run.linearise()[0], run.problem.phases
-    g, delta = run.current.values[0].g, run.duals[0].relaxation
+    g, delta = run.current.values[0].g, run.outer.duals[0].relaxation
     # cost ½ 1.0 u², barrier rows u + 3 and 3 − u, each times dt
-    expected = phase.dt * (1.0 + run.weight * np.sum(barrier.curvature(g, delta), axis=1))
+    expected = phase.dt * (1.0 + run.outer.weight * np.sum(barrier.curvature(g, delta), axis=1))
     np.testing.assert_allclose(model.l_uu[:, 0, 0], expected)
     end = model.end_xx
-    np.testing.assert_allclose(end, run.duals[0].end_penalty.item() * np.diag([1.0, 0.0]))  # σ ∇h ∇hᵀ, h = z
+    np.testing.assert_allclose(end, run.outer.duals[0].end_penalty.item() * np.diag([1.0, 0.0]))  # σ ∇h ∇hᵀ, h = z
 
 
 def test_linear_quadratic_model_of_a_linear_quadratic_problem_is_the_same_everywhere() -> None:
@@ -154,7 +161,7 @@ def test_linear_quadratic_model_of_a_linear_quadratic_problem_is_the_same_everyw
             [a + rng.normal(size=a.shape) for a in table]
             for table in zip(*((p.guess_states, p.guess_controls) for p in solver.problem.phases), strict=True)
         ]
-        models.append(Run(solver, Iterate(*guess), None).linearise())
+        models.append(begin(solver, Iterate(*guess)).linearise())
     for a, b in pairwise(models):
         for p, q in zip(a, b, strict=True):
             for name in ("A", "B", "l_xx", "l_ux", "l_uu", "end_xx", "P"):

@@ -133,6 +133,23 @@ def test_infeasible_problem_ends_without_an_exception(impossible: Solution) -> N
     assert np.isfinite(impossible.cost)
 
 
+@pytest.mark.parametrize("limit", [0.1, 0.5])
+def test_ball_that_cannot_fall_fast_enough_is_infeasible(limit: float) -> None:
+    solution = MSiLQR(bouncing_ball(limit=limit)).solve()
+    assert solution.status is Status.INFEASIBLE
+    assert solution.iterations < 100
+
+
+@pytest.mark.xfail(reason="only equalities are watched for violations that stay")
+def test_inequalities_that_exclude_each_other_are_infeasible() -> None:
+    pole, push = swing_up(), ocp.inequality(lambda s: s.force, lower=14.0, name="push")
+    problem = ocp.Problem(pole.motion, pole.schedule, pole.objective, pole.constraints + push, initial=np.zeros(4))
+    solution = MSiLQR(problem, Options(max_iterations=300)).solve()
+    assert solution.status is Status.INFEASIBLE
+    assert "'push lower'" in solution.explain()
+    assert "'force limit upper'" in solution.explain()
+
+
 def test_explanation_names_the_rows_that_exclude_each_other(impossible: Solution) -> None:
     text = impossible.explain()
     assert impossible.status.advice in text
