@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import casadi as cs
@@ -35,8 +36,7 @@ class Batch:
         results = [np.zeros((n, cols, rows)) for rows, cols in self._outputs]
         if n:
             if n not in self._maps:
-                mapped = self.function.map(n) if n > 1 else self.function
-                self._maps[n] = mapped.buffer()
+                self._maps[n] = _mapped(self.function, n).buffer()
             buffer, run = self._maps[n]
             held = [np.ascontiguousarray(a, dtype=float).reshape(-1) for a in arguments]
             for i, (argument, size) in enumerate(zip(held, self._inputs, strict=True)):
@@ -53,6 +53,11 @@ class Batch:
         return [
             r.swapaxes(1, 2) if matrix else r.reshape(n, -1) for r, matrix in zip(results, self._is_matrix, strict=True)
         ]
+
+
+@lru_cache(maxsize=1024)
+def _mapped(function: cs.Function, n: int) -> cs.Function:
+    return function.map(n) if n > 1 else function
 
 
 _NOTHING = np.zeros(1)

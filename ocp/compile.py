@@ -14,20 +14,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ModelError, ProblemError, ShapeError, UnknownNameError
+from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
-from . import rotation
 from .batch import Batch
 from .checks import check_guess, check_names, check_targets
 from .compiled import CompiledPhase, CompiledProblem
 from .lowering import LEFT_OUT, LoweredMode, Lowering
 from .model import ModelBase, Node, Sample
-from .parameter import Parameter
+from .numbers import Numbers
 from .path import Interval, Path
 from .phase import Phase, ResetMap
 from .problem import Problem
 from .quantity import Quantity
-from .term import Constraint, Cost
+from .term import At, Constraint, Cost
 from .timeline import Stretch, covers, lay
 from .transition import LoweredTransition, lower_transition
 
@@ -118,9 +117,7 @@ class _Compilation:
         self.terms = tuple(term for term, _ in scoped)
         self.scopes = tuple(scope for _, scope in scoped)
         self.unbound: dict[tuple[str, int], str] = {}
-        self.applied: set[int] = set()
-        self.slot_names = {f"{model.name}.{slot.name}" for model in models for slot in model.slots}
-        self.used_parameters: set[str] = set()
+        self.numbers = Numbers(problem, self.terms, self.scopes)
         check_names(problem, self.terms)
 
     # ---- one phase
@@ -142,8 +139,17 @@ class _Compilation:
         inside = [stretch.interval_at(t, spans) for t in times[:-1]]
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
         samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
-        p = np.vstack([
-            self.pack(mode, stretch, times[k], inside[k], samples[k], is_end=k == n, is_last=k == n and not follower)
+        ending: set[At] = {"running"}
+        if stretch.ends_phase:
+            ending.add("phase_end")
+        if follower is None:
+            ending.add("end")
+        here = [frozenset[At]({"running"})] * n + [frozenset(ending)]
+        p = np.array([
+            self.numbers.of_node(
+                mode, segment.dt, self.node(stretch, times[k], inside[k], samples[k], is_end=k == n),
+                inside[k].phase, samples[k], here[k],
+            )
             for k in range(n + 1)
         ])  # fmt: skip
         stage = Batch(mode.functions["stage_w"])(p[:-1])
@@ -182,126 +188,6 @@ class _Compilation:
         steps = round((t - interval.start) / stretch.segment.dt)
         return Node(t, self.resolve(model, interval.phase), after, sample, before, steps)
 
-    def pack(
-        self,
-        mode: LoweredMode,
-        stretch: Stretch,
-        t: float,
-        interval: Interval,
-        sample: Sample,
-        *,
-        is_end: bool,
-        is_last: bool,
-    ) -> Array:
-        """Return the parameter row of one node."""
-        phase = interval.phase
-        node = self.node(stretch, t, interval, sample, is_end=is_end)
-        values = self.model_numbers(mode.model, stretch.segment.dt, node)
-        values.update(self.user_numbers(mode.parameters))
-        where = {"running": True, "phase_end": is_end and stretch.ends_phase, "end": is_last}
-        for k, term in enumerate(self.terms):
-            scope = self.scopes[k]
-            applies = (scope is None or scope is phase) and term.applies(phase.name) and where[term.at]
-            if applies and k in mode.bound:
-                self.applied.add(k)
-            self.term_numbers(values, mode, k, term, phase, applies, sample)
-        return np.asarray(mode.layout.pack(values, 1)[0])
-
-    def model_numbers(self, model: ModelBase, dt: float, node: Node) -> dict[str, Array]:
-        """Return dt and the model's slots: node values over the user's over defaults."""
-        values = {"dt": np.array([dt])}
-        of_node = model.node_parameters(node)
-        for slot in model.slots:
-            name = f"{model.name}.{slot.name}"
-            given = self.problem.parameters.get(name)
-            if given is not None:
-                self.used_parameters.add(name)
-                self.sized(name, given, slot.size)
-            value = of_node.get(slot.name, given if given is not None else slot.default)
-            values[f"model.{slot.name}"] = np.asarray(value, dtype=float)
-        return values
-
-    def sized(self, name: str, given: Array, size: int) -> Array:
-        """Return a parameter's value; raise if it has not the size of its default."""
-        if given.size != size:
-            where = f"problem ({self.problem.source}), parameter '{name}'"
-            raise ShapeError(
-                f"{where}: wrong size - got {given.size} entries, expected {size}; give as many as the default has"
-            )
-        return given
-
-    def user_numbers(self, parameters: tuple[Parameter, ...]) -> dict[str, Array]:
-        """Return the values of the user's parameters."""
-        values = {}
-        for parameter in parameters:
-            label, default = parameter.label, parameter.value
-            self.used_parameters.add(label)
-            values[f"parameter.{label}"] = self.sized(label, self.problem.parameters.get(label, default), default.size)
-        return values
-
-    def term_numbers(
-        self,
-        values: dict[str, Array],
-        mode: LoweredMode,
-        k: int,
-        term: Term,
-        phase: Phase,
-        applies: bool,
-        sample: Sample,
-    ) -> None:
-        """Add a term's weights, targets, bounds and parameters to a node's values."""
-        slots = mode.layout.slices
-        for name, value in term.parameters.items():
-            if f"term{k}.{name}" in slots:
-                values[f"term{k}.{name}"] = value
-        if k not in mode.bound:
-            for name in (n for n in slots if n.startswith(f"term{k}.") and n not in values):
-                values[name] = np.zeros(slots[name].stop - slots[name].start)
-            return
-        if isinstance(term, Constraint):
-            values[f"term{k}.active"] = np.array([float(applies)])
-            for side in ("lower", "upper"):
-                if f"term{k}.{side}" in slots:
-                    size = slots[f"term{k}.{side}"].stop - slots[f"term{k}.{side}"].start
-                    bound = term.bound(side, mode.model, size)
-                    finite = np.isfinite(bound)
-                    values[f"term{k}.{side}"] = np.where(finite, bound, 0.0)
-                    values[f"term{k}.has_{side}"] = finite.astype(float)
-            return
-        group = "stage" if term.at == "running" else "terminal"
-        labels = tuple(row.label for row in mode.rows[f"{group}_residual"] if row.term == k)
-        weights = term.weights(phase.name, labels)
-        values[f"term{k}.weight"] = weights if applies else np.zeros(len(labels))
-        if f"term{k}.target" in slots:
-            size = slots[f"term{k}.target"].stop - slots[f"term{k}.target"].start
-            values[f"term{k}.target"] = self.target(term, size, sample, labels) if applies else np.eye(1, size)[0]
-
-    def target(self, term: Cost, size: int, sample: Sample, labels: tuple[str, ...]) -> Array:
-        """Return a cost's target at a node: its own, or the path's."""
-        quantity = term.quantity
-        assert quantity is not None  # only tracked quantities have a target slot
-        value: Array | None = term.target
-        if value is not None and value.size == 0:  # a regularised rotation
-            return np.array([1.0, 0.0, 0.0, 0.0])
-        if value is None:
-            found = next((given for q, given in sample.items() if q.path == quantity.path), None)
-            value = None if found is None else np.atleast_1d(np.asarray(found, dtype=float))
-        elif size == 4 and value.size == 3 and len(labels) == 3:  # of a rotation, as roll, pitch, yaw
-            value = rotation.np_from_rpy(value)
-        if value is None:
-            supplied = sorted(q.path for q in sample)
-            raise ProblemError(
-                f"term '{term.name}' ({term.source}): the motion has no target for it - got targets {supplied}, "
-                f"expected '{quantity}'; give to=..., or put it in the keyframes or the reference"
-            )
-        if value.size != size:
-            names = "roll, pitch, yaw" if len(labels) < size else ", ".join(labels)
-            raise ShapeError(
-                f"term '{term.name}' ({term.source}): target has the wrong size - got {value.size} entries, expected "
-                f"{len(labels)} ({names}) [{term.unit or '-'}]; give one per component"
-            )
-        return value
-
     # ---- between phases
 
     def transition(
@@ -316,10 +202,8 @@ class _Compilation:
         where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
         lowered = _link(_Link(model, key, follower.segment.model, user, where))
         node = self.node(stretch, stretch.end, ending, sample, is_end=True)
-        values = {**self.model_numbers(model, stretch.segment.dt, node), **self.user_numbers(lowered.parameters)}
-        values = {name: values[name] for name in lowered.layout.slices}
         moves = user is not None or model is not follower.segment.model or model.lands(node)
-        return lowered, lowered.layout.pack(values, 1)[0], moves
+        return lowered, self.numbers.of_transition(lowered, stretch.segment.dt, node), moves
 
     # ---- the initial guess
 
@@ -357,7 +241,7 @@ class _Compilation:
         for k, term in enumerate(self.terms):
             whys = list(dict.fromkeys(mode.unbound[k] for mode in modes if k in mode.unbound))
             binds = any(k in mode.bound for mode in modes)
-            if k in self.applied or LEFT_OUT in whys or (binds and not complete):
+            if k in self.numbers.applied or LEFT_OUT in whys or (binds and not complete):
                 continue
             if binds:
                 names = ", ".join(dict.fromkeys(f"'{phase.name}'" for phase in phases))
@@ -370,9 +254,10 @@ class _Compilation:
                 "model "
                 "and phase; correct it or remove it"
             )
-        for name in sorted(set(self.problem.parameters) - self.used_parameters):
+        slots = {f"{model.name}.{slot.name}" for model in self.models for slot in model.slots}
+        for name in sorted(set(self.problem.parameters) - self.numbers.used):
             if complete or name.split(".")[0] in {model.name for model in self.models}:
-                known = sorted(self.slot_names | self.used_parameters)
+                known = sorted(slots | self.numbers.used)
                 raise UnknownNameError(f"problem ({self.problem.source})", "parameter", name, known)
 
 

@@ -56,7 +56,9 @@ class _Curve:
     values: Array
 
     def value(self, t: float) -> Array:
-        return np.array([np.interp(t, self.times, column) for column in self.values.T])
+        i = min(max(int(np.searchsorted(self.times, t, side="right")) - 1, 0), len(self.times) - 2)
+        share = min(max((t - self.times[i]) / (self.times[i + 1] - self.times[i]), 0.0), 1.0)
+        return np.asarray((1.0 - share) * self.values[i] + share * self.values[i + 1])
 
     def rate(self, t: float, side: float) -> Array:
         """Return the slope of the piece of curve on the side of t that ``side`` (±1) names; zero beyond the ends."""

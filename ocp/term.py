@@ -67,6 +67,11 @@ class Term:
                 "'phase_end' or 'end'; choose one"
             )
 
+    @property
+    def where(self) -> str:
+        """Name and place, for messages."""
+        return f"term '{self.name}' ({self.source})"
+
     def applies(self, phase: str) -> bool:
         """Return whether the term applies to a phase of this name."""
         if self.when is None:
@@ -105,23 +110,22 @@ class Cost(Term):
         weight = self.weight
         if isinstance(weight, ByPhase):
             weight = weight.phases.get(phase, weight.default)
-        where = f"term '{self.name}' ({self.source})"
         if isinstance(weight, Mapping):
             values = np.zeros(len(labels))
             for key, value in weight.items():
-                values[match_labels(labels, key, where)] = value
+                values[match_labels(labels, key, self.where)] = value
         else:
             values = np.atleast_1d(np.asarray(weight, dtype=float))
             if values.size not in (1, len(labels)):
                 raise ShapeError(
-                    f"{where}: weight has the wrong size - got {values.size} entries, expected 1 or {len(labels)} "
+                    f"{self.where}: weight has the wrong size - got {values.size} entries, expected 1 or {len(labels)} "
                     f"({', '.join(labels)}) [{self.unit or '-'}]; give one per component, a scalar, or a mapping by "
                     "name"
                 )
             values = np.broadcast_to(values, (len(labels),)).astype(float)
         if not np.all(np.isfinite(values)) or np.any(values < 0):
             raise ProblemError(
-                f"{where}: weight is unusable - got {values.tolist()}, expected finite numbers ≥ 0; mend it"
+                f"{self.where}: weight is unusable - got {values.tolist()}, expected finite numbers ≥ 0; mend it"
             )
         return values
 

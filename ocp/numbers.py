@@ -1,0 +1,225 @@
+"""Numbers: the parameter vectors ``p`` of all nodes, filled from a problem: weights, targets, bounds, slots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ProblemError, ShapeError
+
+from . import rotation
+from .layout import Layout
+from .lowering import LoweredMode
+from .model import ModelBase, Node, Sample
+from .parameter import Parameter
+from .phase import Phase
+from .problem import Problem
+from .term import At, Constraint, Cost
+from .transition import LoweredTransition
+
+Array = NDArray[np.float64]
+Term = Cost | Constraint
+
+
+@dataclass(frozen=True, eq=False)
+class _Tracked:
+    """A cost whose target follows the path: where in ``p`` it goes, and the names of its components."""
+
+    term: Cost
+    part: slice
+    labels: tuple[str, ...]
+
+
+class Numbers:
+    """Fills parameter vectors; what does not change along a phase is worked out once.
+
+    Args:
+        problem: the declaration.
+        terms: its costs and constraints, those of phases included.
+        scopes: per term the phase that declares it, None for all.
+    """
+
+    def __init__(self, problem: Problem, terms: tuple[Term, ...], scopes: tuple[Phase | None, ...]) -> None:
+        self.problem, self.terms, self.scopes = problem, terms, scopes
+        self.applied: set[int] = set()
+        self.used: set[str] = set()
+        self._phases: dict[tuple[LoweredMode, Phase, frozenset[At]], tuple[Array, list[_Tracked]]] = {}
+
+    def of_node(
+        self, mode: LoweredMode, dt: float, node: Node, phase: Phase, sample: Sample, here: frozenset[At]
+    ) -> Array:
+        """Return the parameters of one node, (np,).
+
+        Args:
+            mode: the lowered mode.
+            dt: time step [s].
+            node: what the model is asked with.
+            phase: the motion phase of the node.
+            sample: the path at the node.
+            here: which terms hold: running ones, those of a phase's end, those of the horizon's end.
+        """
+        if (mode, phase, here) not in self._phases:
+            self._phases[mode, phase, here] = self._of_phase(mode, phase, here)
+        constant, tracked = self._phases[mode, phase, here]
+        p = constant.copy()
+        _put(p, mode.layout, self._changing(mode.model, dt, node))
+        for each in tracked:
+            p[each.part] = self.target(each.term, each.part.stop - each.part.start, sample, each.labels)
+        return p
+
+    def of_transition(self, transition: LoweredTransition, dt: float, node: Node) -> Array:
+        """Return the parameters of a transition, (np,)."""
+        p = np.zeros(transition.layout.size)
+        for values in (
+            self._of_model(transition.source),
+            self._of_user(transition.parameters),
+            self._changing(transition.source, dt, node),
+        ):
+            _put(p, transition.layout, values)
+        return p
+
+    # ---- models' slots and the user's parameters
+
+    def _of_model(self, model: ModelBase) -> dict[str, Array]:
+        """Return the values of a model's slots, the user's before the defaults."""
+        values = {}
+        for slot in model.slots:
+            name = f"{model.name}.{slot.name}"
+            given = self.problem.parameters.get(name)
+            if given is not None:
+                self.used.add(name)
+                self._check_size(name, given, slot.size)
+            values[f"model.{slot.name}"] = np.asarray(slot.default if given is None else given, dtype=float)
+        return values
+
+    def _changing(self, model: ModelBase, dt: float, node: Node) -> dict[str, Array]:
+        """Return dt and the slots that the model itself sets for a node."""
+        values = {"dt": np.array([dt])}
+        for name, value in model.node_parameters(node).items():
+            if f"{model.name}.{name}" in self.problem.parameters:
+                raise ProblemError(
+                    f"problem ({self.problem.source}), parameter '{model.name}.{name}': follows from the motion - got "
+                    "a "
+                    "number for it, expected none; change the motion's phases or targets"
+                )
+            values[f"model.{name}"] = np.asarray(value, dtype=float)
+        return values
+
+    def _of_user(self, parameters: tuple[Parameter, ...]) -> dict[str, Array]:
+        """Return the values of the user's parameters."""
+        values = {}
+        for parameter in parameters:
+            given = self.problem.parameters.get(parameter.label, parameter.value)
+            self.used.add(parameter.label)
+            self._check_size(parameter.label, given, parameter.value.size)
+            values[f"parameter.{parameter.label}"] = given
+        return values
+
+    def _check_size(self, name: str, given: Array, size: int) -> None:
+        if given.size != size:
+            raise ShapeError(
+                f"problem ({self.problem.source}), parameter '{name}': wrong size - got {given.size} entries, expected "
+                f"{size}; give as many as the default has"
+            )
+
+    # ---- terms
+
+    def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> tuple[Array, list[_Tracked]]:
+        """Return what the nodes of a phase share, and which targets are still to be filled in."""
+        p, tracked = np.zeros(mode.layout.size), []
+        _put(p, mode.layout, self._of_model(mode.model))
+        _put(p, mode.layout, self._of_user(mode.parameters))
+        for k in mode.bound:
+            term, scope = self.terms[k], self.scopes[k]
+            applies = scope in (None, phase) and term.applies(phase.name) and term.at in here
+            if applies:
+                self.applied.add(k)
+            values = {f"term{k}.{name}": value for name, value in term.parameters.items()}
+            if isinstance(term, Constraint):
+                values |= self._of_constraint(mode, k, term, applies)
+            else:
+                labels = _labels(mode, k, term)
+                values[f"term{k}.weight"] = applies * term.weights(phase.name, labels)
+                part = mode.layout.slices.get(f"term{k}.target")
+                if part is not None:
+                    p[part.start] = 1.0  # of a rotation the identity
+                    if applies:
+                        tracked.append(_Tracked(term, part, labels))
+            _put(p, mode.layout, values)
+        return p, tracked
+
+    def _of_constraint(self, mode: LoweredMode, k: int, term: Constraint, applies: bool) -> dict[str, Array]:
+        """Return whether a constraint's rows count, and their bounds."""
+        values = {f"term{k}.active": np.array([float(applies)])}
+        for side in ("lower", "upper"):
+            part = mode.layout.slices.get(f"term{k}.{side}")
+            if part is not None:
+                bound = term.bound(side, mode.model, part.stop - part.start)
+                finite = np.isfinite(bound)
+                values[f"term{k}.{side}"] = np.where(finite, bound, 0.0)
+                values[f"term{k}.has_{side}"] = finite.astype(float)
+        if f"term{k}.lower" in values and f"term{k}.upper" in values:
+            self._check_order(mode, k, term, values)
+        return values
+
+    def _check_order(self, mode: LoweredMode, k: int, term: Constraint, values: Mapping[str, Array]) -> None:
+        both = values[f"term{k}.has_lower"] * values[f"term{k}.has_upper"]
+        lower, upper = values[f"term{k}.lower"], values[f"term{k}.upper"]
+        for i in np.flatnonzero(both * (lower > upper)):
+            raise ProblemError(
+                f"constraint '{term.name}' ({term.source}), model '{mode.model.name}', row {i}: bounds exclude each "
+                "other - "
+                f"got lower {lower[i]:g} above upper {upper[i]:g} [{term.unit or '-'}], expected lower ≤ upper; swap "
+                "them"
+            )
+
+    def target(self, term: Cost, size: int, sample: Sample, labels: tuple[str, ...]) -> Array:
+        """Return a cost's target at a node, (size,): its own, or the path's.
+
+        Args:
+            term: the cost.
+            size: stored entries, 4 for a rotation.
+            sample: the path at the node.
+            labels: names of the components of a difference.
+        """
+        quantity = term.quantity
+        assert quantity is not None  # only tracked quantities have a target slot
+        value = term.target
+        if value is not None and value.size == 0:  # a regularised rotation
+            return np.array([1.0, 0.0, 0.0, 0.0])
+        rotates = len(labels) < size
+        if value is None:
+            found = next((given for q, given in sample.items() if q.path == quantity.path), None)
+            if found is None:
+                raise ProblemError(
+                    f"term '{term.name}' ({term.source}): the motion has no target for it - got targets "
+                    f"{sorted(q.path for q in sample)}, expected '{quantity}'; give to=..., or put it in the keyframes "
+                    "or "
+                    "the reference"
+                )
+            value = np.atleast_1d(np.asarray(found, dtype=float))
+        elif rotates and value.size == 3:
+            value = rotation.np_from_rpy(value)
+        if value.size != size:
+            names = "roll, pitch, yaw" if rotates else ", ".join(labels)
+            raise ShapeError(
+                f"term '{term.name}' ({term.source}): target has the wrong size - got {value.size} entries, expected "
+                f"{len(labels)} ({names}) [{term.unit or '-'}]; give one per component"
+            )
+        return value / np.linalg.norm(value) if rotates else value
+
+
+def _labels(mode: LoweredMode, k: int, term: Cost) -> tuple[str, ...]:
+    group = "stage" if term.at == "running" else "terminal"
+    return tuple(row.label for row in mode.rows[f"{group}_residual"] if row.term == k)
+
+
+def _put(p: Array, layout: Layout, values: Mapping[str, Array]) -> None:
+    """Write values into their parts of a vector; those that it has no part for are not needed there."""
+    for name, value in values.items():
+        part = layout.slices.get(name)
+        if part is not None:
+            p[part] = value
