@@ -214,9 +214,10 @@ def video(
 ) -> None:
     """Film a solution, rendered off screen by MuJoCo: the planned motion, or the policy played in simulation."""
     from . import gl
-    from .cuts import cuts_of, picture_size
+    from .cuts import check_ending, cuts_of, picture_size
 
     shape = picture_size(size)
+    check_ending(output)
     gl.prepare()  # before MuJoCo is imported
 
     from piaffe.solvers import Solution

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -56,3 +57,11 @@ def picture_size(text: str) -> tuple[int, int]:
     raise ProblemError(
         f"film: size is unusable - got '{text}', expected two even numbers from 64 on as WxH; give 1280x720"
     )
+
+
+def check_ending(path: Path) -> None:
+    """Raise unless a film can be written to a file of that name."""
+    if path.suffix != ".mp4":
+        raise ProblemError(
+            f"file '{path}': unknown kind of film - got '{path.suffix}', expected '.mp4'; change the ending"
+        )

@@ -56,6 +56,11 @@ def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> 
 
 def draw(solution: Solution, title: str = "") -> Figure:
     """Return the figure of a solution."""
+    with rc_context(RC):
+        return _draw(solution, title)
+
+
+def _draw(solution: Solution, title: str) -> Figure:
     shown, feet = panels(solution), feet_of(solution)
     cells: list[Any] = [*shown]
     if feet:
@@ -140,7 +145,7 @@ def _panel(axes: Axes, panel: Panel) -> None:
             if bound is None:
                 continue
             near = sign * bound - sign * (high if sign > 0 else low) < 0.5 * (high - low)
-            if near:
+            if near or panel.curves[0].held:  # limits of controls are always shown
                 low, high = min(low, bound - 0.06 * span), max(high, bound + 0.06 * span)
                 axes.axhline(bound, color=BOUND, lw=0.8, ls=(0, (4, 2)), zorder=1)
     axes.set_ylim(low, high)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -61,35 +62,49 @@ def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], 
         feet: names of the feet, for the caption.
         fps: pictures per second.
     """
-    import imageio_ffmpeg
-
-    if path.suffix != ".mp4":
-        raise FilmError(
-            f"file '{path}': unknown kind of film - got '{path.suffix}', expected '.mp4'; change the ending"
-        )
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=".mp4")
     os.close(handle)
     caption = Caption(studio.size, feet)
-    stream = imageio_ffmpeg.write_frames(
-        temporary, studio.size, fps=fps, codec="libx264", quality=None, bitrate=None, macro_block_size=2,
-        output_params=["-crf", "20", "-preset", "medium", "-movflags", "+faststart"],
-    )  # fmt: skip
     try:
-        stream.send(None)
         with studio:
-            for picture in _pictures(studio, cuts, caption, fps):
-                stream.send(np.ascontiguousarray(picture))
-        stream.close()
-        if not Path(temporary).stat().st_size:
-            raise FilmError(
-                f"file '{path}': ffmpeg wrote nothing - got an empty file, expected a film; see its messages above"
-            )
+            encode(Path(temporary), _pictures(studio, cuts, caption, fps), studio.size, fps)
         Path(temporary).replace(path)
     finally:
         Path(temporary).unlink(missing_ok=True)
     path.chmod(0o644)
     return path
+
+
+def encode(path: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int], fps: int) -> None:
+    """Write pictures, (height, width, 3) each, as H.264.
+
+    Raises:
+        FilmError: ffmpeg refuses them.
+    """
+    import imageio_ffmpeg
+
+    width, height = size
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
+    coding = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", "-movflags", "+faststart"]
+    line = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *source, *coding, str(path)]
+    with subprocess.Popen(line, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as ffmpeg:
+        assert ffmpeg.stdin is not None  # both are pipes
+        assert ffmpeg.stderr is not None
+        try:
+            for picture in pictures:
+                ffmpeg.stdin.write(np.ascontiguousarray(picture).tobytes())
+            ffmpeg.stdin.close()
+        except BrokenPipeError:
+            pass  # it says below what it minds
+        except BaseException:
+            ffmpeg.kill()
+            raise
+        said = ffmpeg.stderr.read().decode(errors="replace").strip()
+    if ffmpeg.returncode:
+        raise FilmError(
+            f"file '{path.name}': ffmpeg cannot write it - got '{said}', expected a film; choose another size"
+        )
 
 
 def _pictures(studio: Studio, cuts: Sequence[Cut], caption: Caption, fps: int) -> Iterator[NDArray[np.uint8]]:
