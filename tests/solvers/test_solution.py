@@ -125,6 +125,16 @@ def test_errors_of_a_progress_callback_are_not_swallowed() -> None:
         MSiLQR(swing_up()).solve(progress=broken)
 
 
+def test_failed_line_search_leaves_the_iterate_and_regularises_more() -> None:
+    # no step can be shorter than one, and a full step from the keyframes fails
+    solution = MSiLQR(swing_up(), Options(max_iterations=3, min_step=0.99, armijo=0.999, corrections=1)).solve()
+    failed = [(a, b) for a, b in pairwise(solution.history) if b.step_size == 0.0]
+    assert failed
+    for before, after in failed:
+        assert (after.cost, after.max_defect) == (before.cost, before.max_defect)
+        assert after.regularization > before.regularization
+
+
 # ---- what cannot be met
 
 
