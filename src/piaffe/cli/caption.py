@@ -14,7 +14,7 @@ from .playback import Snapshot
 from .style import INK, LEGS
 
 _FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-_OFF = "#C9CED6"
+_OFF = "#8A8F98"
 
 
 class Caption:
@@ -53,6 +53,11 @@ class Caption:
         for i, (foot, on) in enumerate(zip(self.feet, shown.contact, strict=False)):
             x, y = 1.9 * unit + 2.3 * unit * i, base - 2.2 * unit
             r = 0.42 * unit
-            draw.ellipse((x - r, y - r, x + r, y + r), fill=LEGS[i % len(LEGS)] if on else _OFF)
+            draw.ellipse(
+                (x - r, y - r, x + r, y + r),
+                fill=LEGS[i % len(LEGS)] if on else None,
+                outline=None if on else _OFF,
+                width=2,
+            )
             draw.text((x + 0.65 * unit, y), foot, font=self.small, fill=INK, anchor="lm")
         return np.asarray(image)

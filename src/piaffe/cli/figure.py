@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from piaffe.errors import FileFormatError
 
 from .curves import Panel, feet_of, forces, friction, panels, stance_feet
+from .playback import caption
 from .style import AXES, BOUND, FAINT, FLIGHT, INK, LEGS, NEUTRAL, RC, SHADES
 
 if TYPE_CHECKING:
@@ -138,17 +139,16 @@ def _panel(axes: Axes, panel: Panel) -> None:
     for curve in panel.curves:
         if curve.target is not None:
             axes.plot(curve.times, curve.target, color=curve.colour, lw=0.9, ls=(0, (1, 1.6)), alpha=0.75, zorder=1.5)
-    span = max(high - low, 1e-3)
-    low, high = low - 0.04 * span, high + 0.04 * span
     for lower, upper in panel.bounds:
         for bound, sign in ((lower, -1), (upper, 1)):
             if bound is None:
                 continue
             near = sign * bound - sign * (high if sign > 0 else low) < 0.5 * (high - low)
             if near or panel.curves[0].held:  # limits of controls are always shown
-                low, high = min(low, bound - 0.06 * span), max(high, bound + 0.06 * span)
+                low, high = min(low, bound), max(high, bound)
                 axes.axhline(bound, color=BOUND, lw=0.8, ls=(0, (4, 2)), zorder=1)
-    axes.set_ylim(low, high)
+    margin = 0.05 * (high - low)
+    axes.set_ylim(low - margin, high + margin)
     axes.set_title(panel.title)
     axes.set_ylabel(f"[{panel.unit}]" if panel.unit else "")
     if panel.legend:
@@ -174,7 +174,7 @@ def _contacts(axes: Axes, solution: Solution, feet: Sequence[str]) -> None:
     for i, part in enumerate(parts):
         axes.axvspan(part.times[0], part.times[-1], color=_shade(solution, i), lw=0, zorder=0)
         axes.axvline(part.times[0], color="#C3C8D0", lw=0.7, zorder=1)
-        name = part.model if part.mode == "scheduled" else part.name
+        name = caption(part)
         wide = part.duration / (end - start) > 0.006 * max(len(name), 3)
         axes.text(
             part.times[0] + 0.5 * part.duration, 1.02, name, transform=axes.get_xaxis_transform(), ha="center",

@@ -117,6 +117,11 @@ class Playback:
         return self.robot.pose("stand")
 
 
+def caption(part: PhaseTrajectory) -> str:
+    """Return a phase's name; the model's where one stretch spans several phases."""
+    return part.model if part.mode == "scheduled" else part.name
+
+
 def node_before(part: PhaseTrajectory, t: float) -> tuple[int, float]:
     """Return the stage that contains time t, and the share of it that has passed; clamped to the phase."""
     k = int(np.clip(np.searchsorted(part.times, t + 1e-9, side="right") - 1, 0, len(part.times) - 2))

@@ -17,6 +17,7 @@ from .style import LEGS
 Array = NDArray[np.float64]
 
 _GHOST = (0.25, 0.45, 0.85, 0.18)
+_LONGEST = 1.5  # longest arrow, in those of the robot's weight: impacts would fill the picture
 _OVERSAMPLING = 1.5  # rendered larger than shown: smooth edges without help of the driver
 
 
@@ -102,13 +103,13 @@ class Studio:
             scene.geoms[i].matid, scene.geoms[i].transparent = -1, 1
 
     def _add_arrow(self, at: Array, force: Array, colour: str) -> None:
-        """Add an arrow of a force; as long as the body if it carries the robot's weight."""
+        """Add an arrow of a force; a little longer than the body if it carries the robot's weight."""
         mujoco, scene = self.mujoco, self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return
         geom = scene.geoms[scene.ngeom]
         rgba = np.array(to_rgba(colour, 0.9), dtype=np.float32)
         mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_ARROW, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
-        tip = at + 1.2 * self.length * force / self.weight
+        tip = at + 1.2 * self.length * force / max(self.weight, float(np.linalg.norm(force)) / _LONGEST)
         mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.022 * self.length, np.asarray(at), tip)
         scene.ngeom += 1
