@@ -30,9 +30,9 @@ limits = ocp.Constraints(
     models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits(), models.joint_speed_limits(),
     models.base_height(minimum=0.13), models.foot_clearance(minimum=0.0),
 )  # fmt: skip
-cascade = body.over(0.25, dt=0.01) + srb.over(0.50, dt=0.05).without(limits)
-objective = walking + ocp.regularize(feet.force, weight=0.01)  # the small model's control needs a cost of its own
-problem = ocp.Problem(bound, cascade, objective, limits, initial=body.state(joints="stand"))
+effort = ocp.track(feet.force, weight=0.01)  # the small model's control needs a cost of its own
+cascade = body.over(0.25, dt=0.01).without(effort) + srb.over(0.50, dt=0.05).without(limits)
+problem = ocp.Problem(bound, cascade, walking + effort, limits, initial=body.state(joints="stand"))
 
 
 def main() -> float:
