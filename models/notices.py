@@ -183,7 +183,8 @@ def _flights(robot: Robot, path: Path, knots: list[Knot]) -> Iterator[Notice]:
     Between two keyframes there is always a flight; a third, or a velocity that is given, leaves none to choose.
     """
     airborne: list[Knot] = []
-    for knot, following in zip(knots, [*knots[1:], None], strict=True):
+    for i, knot in enumerate(knots):
+        following = knots[i + 1] if i + 1 < len(knots) else None
         if knot.stance:
             continue
         airborne.append(knot)
