@@ -225,7 +225,8 @@ class Run:
         self.update_merit(direction)
         gap = self.current.gap
         before = self.augmented(self.current) + self.rho * gap
-        size = 1.0
+        last = self.history[-1].step_size if self.history else 1.0
+        size = min(1.0, last / self.o.step_shrink**3) if last > 0 else 1.0
         while size >= self.o.min_step:
             expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap
             bound = before + self.o.armijo * expected + 1e-12 * abs(before)
