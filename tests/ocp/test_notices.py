@@ -1,0 +1,61 @@
+"""Warnings that the compiled problem itself gives: orientation residuals near half a turn."""
+
+from math import pi
+
+import numpy as np
+import pytest
+
+from piaffe import ocp
+from piaffe.ocp import rotation
+from piaffe.ocp.checks import Guess
+
+
+def spin(s):
+    return {"turn": s.rate}
+
+
+def problem(*terms, angle=0.0):
+    top = ocp.Model("top", state={"turn": "rotation"}, control={"rate": 3}, modes={"spin": spin})
+    motion = ocp.Motion(ocp.Phase("first", "spin", 0.2), ocp.Phase("second", "spin", 0.2))
+    objective = ocp.Objective(ocp.regularize("rate", weight=0.1), *terms)
+    initial = rotation.np_from_rpy(np.array([angle, 0.0, 0.0]))
+    return ocp.Problem(motion, top.until_end(dt=0.05), objective, initial=initial)
+
+
+@pytest.mark.parametrize("angle", [2.9, -2.9, pi])
+def test_a_residual_near_half_a_turn_is_reported_by_name(angle):
+    term = ocp.track("turn", to=(0, 0, 0), when="second")
+    (notice,) = ocp.notices(ocp.compile_problem(problem(term, angle=angle)))
+    assert notice.where == f"term 'track turn' ({term.source}), phase 'second', node 0"
+    assert notice.text == (
+        f"the residual is near half a turn - got {abs(angle):.2f} rad, expected less than 2.84 rad; beyond π it pulls "
+        "the other way round: add a keyframe on the way, or lengthen the phase"
+    )
+
+
+def test_it_is_shown_by_the_description():
+    text = str(problem(ocp.track("turn", to=(0, 0, 0), at="end"), angle=3.0))
+    assert "phase 'second', node 4: the residual is near half a turn - got 3.00 rad" in text
+
+
+def test_a_smaller_residual_is_not():
+    assert not ocp.notices(ocp.compile_problem(problem(ocp.track("turn", to=(0, 0, 0)), angle=2.8)))
+
+
+def test_a_residual_that_weighs_nothing_is_not():
+    assert not ocp.notices(ocp.compile_problem(problem(ocp.track("turn", weight=0.0, to=(0, 0, 0)), angle=3.0)))
+
+
+def test_following_the_path_is_not():
+    assert not ocp.notices(ocp.compile_problem(problem(ocp.track("turn"), angle=3.0)))
+
+
+def test_a_solver_asks_about_its_own_iterate():
+    compiled = ocp.compile_problem(problem(ocp.track("turn", to=(0, 0, 0)), angle=0.0))
+    stages = [Guess(phase).stage["residual"] for phase in compiled.phases]
+    ends = [Guess(phase).terminal["residual"] for phase in compiled.phases]
+    assert not ocp.half_turns(compiled, stages, [end[0] for end in ends])
+    stages[1][2, 3:] = (0.0, 2.0, 2.3)
+    (notice,) = ocp.half_turns(compiled, stages, [end[0] for end in ends])
+    assert notice.where.endswith("phase 'second', node 2")
+    assert "got 3.05 rad" in notice.text
