@@ -9,6 +9,7 @@ from pathlib import Path
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from piaffe.cli import gl, main
 from piaffe.cli.cuts import cuts_of, picture_size
@@ -77,6 +78,17 @@ def test_video_writes_a_film_or_names_the_package(hop: Path, tmp_path: Path) -> 
     assert [path.name for path in target.parent.iterdir()] == ["hop.mp4"]
 
 
+def test_video_writes_six_moments_as_a_picture(hop: Path, tmp_path: Path) -> None:
+    target = tmp_path / "hop.png"
+    done = command("video", hop, "-o", target, "--size", "300x160")
+    if done.returncode:
+        assert "libosmesa6" in done.stderr
+        return
+    picture = imread(target)
+    assert picture.shape[:2] == (160 + 4, 300 + 8)
+    assert np.abs(picture[:80, :100] - picture[84:, 208:]).max() > 0.3  # the first and the last moment
+
+
 def test_a_machine_without_opengl_is_told_what_to_install(hop: Path, tmp_path: Path) -> None:
     done = command("video", hop, "-o", tmp_path / "hop.mp4", MUJOCO_GL="abacus")
     assert done.returncode == 2
@@ -109,7 +121,9 @@ def test_sizes_that_make_no_film_are_refused(size: str) -> None:
 
 def test_an_unknown_ending_is_refused(hop: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["video", str(hop), "-o", str(tmp_path / "hop.avi")]) == 2
-    assert "unknown kind of film - got '.avi', expected '.mp4'" in capsys.readouterr().err
+    assert (
+        "unknown kind of film - got '.avi', expected '.mp4', or '.png' for single pictures" in capsys.readouterr().err
+    )
 
 
 def test_a_model_without_a_robot_cannot_be_shown(ball: Path) -> None:

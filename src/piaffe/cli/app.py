@@ -18,6 +18,7 @@ from .loading import load_problem
 from .reports import terminal
 
 FAILED, REFUSED = 1, 2  # exit codes: the result is not what was hoped for; the command could not do what was asked
+SHEET = (3, 2)  # columns and rows of a picture of single moments
 
 File = Annotated[
     str, typer.Argument(metavar="FILE[:name]", help="Python file with `problem`, or another name after a colon.")
@@ -194,7 +195,9 @@ def plot(
 @app.command()
 def video(
     solution: Saved,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="V.mp4", help="Film to write.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="V.mp4", help="Film to write; V.png for six moments of it.")
+    ],
     simulated: Annotated[
         bool, typer.Option("--simulate", help="Play the policy in MuJoCo and film that; say how far it got.")
     ] = False,
@@ -214,15 +217,15 @@ def video(
 ) -> None:
     """Film a solution, rendered off screen by MuJoCo: the planned motion, or the policy played in simulation."""
     from . import gl
-    from .cuts import check_ending, cuts_of, picture_size
+    from .cuts import cuts_of, is_sheet, picture_size
 
     shape = picture_size(size)
-    check_ending(output)
+    pictures_only = is_sheet(output)
     gl.prepare()  # before MuJoCo is imported
 
     from piaffe.solvers import Solution
 
-    from .film import write
+    from .film import sheet, write
     from .playback import Playback
     from .studio import Studio
 
@@ -230,8 +233,12 @@ def video(
     cuts, said = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
     if said:
         print(said)
-    studio = Studio(playback.robot, shape, azimuth=azimuth, distance=distance)
-    print(f"saved {write(output, studio, cuts, playback.feet, fps=fps)}")
+    columns, rows = SHEET if pictures_only else (1, 1)
+    studio = Studio(playback.robot, (shape[0] // columns, shape[1] // rows), azimuth=azimuth, distance=distance)
+    if pictures_only:
+        print(f"saved {sheet(output, studio, cuts[0], playback.feet, columns=columns, rows=rows)}")
+    else:
+        print(f"saved {write(output, studio, cuts, playback.feet, fps=fps)}")
 
 
 @app.command()

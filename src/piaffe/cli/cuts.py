@@ -59,9 +59,13 @@ def picture_size(text: str) -> tuple[int, int]:
     )
 
 
-def check_ending(path: Path) -> None:
-    """Raise unless a film can be written to a file of that name."""
-    if path.suffix != ".mp4":
-        raise ProblemError(
-            f"file '{path}': unknown kind of film - got '{path.suffix}', expected '.mp4'; change the ending"
-        )
+def is_sheet(path: Path) -> bool:
+    """Return whether a file is to hold pictures rather than a film; raise if it can hold neither."""
+    if path.suffix in (".png", ".jpg", ".webp"):
+        return True
+    if path.suffix == ".mp4":
+        return False
+    raise ProblemError(
+        f"file '{path}': unknown kind of film - got '{path.suffix}', expected '.mp4', or '.png' for single pictures; "
+        "change the ending"
+    )

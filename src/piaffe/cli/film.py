@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from piaffe.errors import PiaffeError
 
@@ -21,6 +22,7 @@ from .studio import Studio
 Array = NDArray[np.float64]
 
 _SMOOTH_S = 0.25  # the camera follows with about this inertia
+_GAP = 4  # [pixels] between the pictures of a sheet
 _HOLD_S = 0.4  # how long the last picture stays
 
 
@@ -73,6 +75,33 @@ def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], 
     finally:
         Path(temporary).unlink(missing_ok=True)
     path.chmod(0o644)
+    return path
+
+
+def sheet(path: Path, studio: Studio, cut: Cut, feet: Sequence[str], *, columns: int, rows: int) -> Path:
+    """Write pictures of equally spaced moments into one, row by row.
+
+    Args:
+        path: the file, ``.png`` or another picture's ending.
+        studio: draws the pictures, each at its size.
+        cut: what is shown.
+        feet: names of the feet, for the captions.
+        columns: pictures beside each other.
+        rows: and below each other.
+    """
+    count = columns * rows
+    times = cut.start + (cut.end - cut.start) * (np.arange(count) + 0.5) / count
+    caption = Caption(studio.size, feet)
+    with studio:
+        shown = [cut.shown(float(t)) for t in times]
+        looks = follow(shown, count / (cut.end - cut.start))
+        pictures = [caption.write(studio.picture(s, x), s, 1.0, cut.note) for s, x in zip(shown, looks, strict=True)]
+    width, height = studio.size
+    whole = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), "white")
+    for i, picture in enumerate(pictures):
+        whole.paste(Image.fromarray(picture), ((width + _GAP) * (i % columns), (height + _GAP) * (i // columns)))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    whole.save(path)
     return path
 
 
