@@ -17,15 +17,16 @@ roll = ocp.Motion(
     ocp.Phase("settle", stance("FL FR HL HR"), 0.15, ocp.Keyframe(position=(0, -0.55, 0.25), rpy=(2 * pi, 0, 0), joints="stand")),
 )  # fmt: skip
 objective = ocp.Objective(
-    ocp.track(base.position, weight=(0, 1, 10)),
+    ocp.track(base.position, weight=(0, 1, 30)),
     ocp.track(base.orientation, weight=(5, 2, 2)),
     ocp.track(base.linear_velocity, weight=1.0),
     ocp.track(base.angular_velocity, weight=1.0),
-    ocp.track(joints.position, weight=0.1),
+    ocp.track(joints.position, weight=1.0),
     ocp.track(joints.velocity, weight=0.05),
-    ocp.regularize(joints.torque, weight=0.1),
-    ocp.track(base.position, weight=(0, 1, 10), at="phase_end"),
+    ocp.regularize(joints.torque, weight=0.02),
+    ocp.track(base.position, weight=(0, 1, 50), at="phase_end"),
     ocp.track(base.orientation, weight=(10, 5, 5), at="phase_end"),
+    ocp.track(joints.position, weight=1.0, at="phase_end"),
 )
 limits = ocp.Constraints(
     models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits(), models.joint_speed_limits(),

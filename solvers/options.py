@@ -46,7 +46,7 @@ class Options:
     cost_tolerance: float = 1e-5
     barrier_weight: float = 0.1
     barrier_factor: float = 0.3
-    barrier_gap: float = 1e-3
+    barrier_gap: float = 1e-4
     min_barrier_weight: float = 1e-8
     relaxation: float = 0.1
     max_stiffness: float = 1e5
