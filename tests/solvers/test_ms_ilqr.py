@@ -108,7 +108,6 @@ def test_solution_meets_every_tolerance(name: str) -> None:
 
 
 HALVING = "a violation that falls from update to update is taken for one that stays"
-EARLY = "a resumed solve may take the barrier's gap for closed at once"
 
 
 @pytest.mark.parametrize(
@@ -139,11 +138,18 @@ def test_limits_of_the_problem_are_active(name: str) -> None:
     assert max(multipliers) > 0.01 * (1 + solved(name).cost)
 
 
-def test_default_options_come_within_a_thousandth_of_the_optimum() -> None:
+def pushes(solution: Solution) -> float:
+    """Return the sum of all multipliers of inequalities: how much cost a violation saves."""
+    parts = zip(solution.trajectory.phases, solution.phases, strict=True)
+    return sum(float(np.sum(np.diff(t.times)[:, None] * p.multipliers["inequality"])) for t, p in parts)
+
+
+def test_default_options_come_as_close_as_they_promise() -> None:
     for name in PROBLEMS:
         solution = MSiLQR(compiled(name)).solve()
         assert solution.converged
-        assert solution.cost == pytest.approx(judged(name).cost, rel=1e-3)
+        allowed = Options().barrier_gap * (1 + judged(name).cost) + Options().max_inequality * pushes(solution)
+        assert abs(solution.cost - judged(name).cost) <= allowed
 
 
 def test_barrier_of_limits_that_are_never_reached_leaves_no_gap() -> None:
@@ -204,15 +210,13 @@ def test_warm_start_with_defaults_is_done_at_once() -> None:
     assert solver.solve(solver.solve()).iterations <= 1
 
 
-@pytest.mark.parametrize(
-    "name", ["bouncing ball", "flying body", pytest.param("rope", marks=pytest.mark.xfail(reason=EARLY))]
-)
+@pytest.mark.parametrize("name", ["bouncing ball", "flying body", "rope"])
 def test_resumed_solve_is_as_accurate_as_one_in_a_run(name: str) -> None:
     for iterations in (1, 6, 11, 16):
         part = MSiLQR(compiled(name), Options(max_iterations=iterations)).solve()
         rest = MSiLQR(compiled(name)).solve(part)
         assert rest.converged
-        assert rest.cost == pytest.approx(judged(name).cost, rel=1e-3)
+        assert rest.cost == pytest.approx(judged(name).cost, rel=2e-4)
 
 
 def test_warm_start_of_a_changed_problem_is_shorter_than_a_cold_one() -> None:
