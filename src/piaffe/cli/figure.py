@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 COLUMNS = 4
+_SMALLEST = 0.02  # [m], [rad], ...: the least that a robot's diagram spans
 _TERMS = 9  # more do not fit
 
 
@@ -136,6 +137,8 @@ def _panel(axes: Axes, panel: Panel) -> None:
         style = "steps-post" if curve.held else "default"
         axes.plot(curve.times, curve.values, color=curve.colour, label=curve.label, drawstyle=style)
     low, high = axes.get_ylim()
+    if panel.unit and high - low < _SMALLEST:  # what a robot cannot do is not worth a diagram's height
+        low, high = 0.5 * (low + high - _SMALLEST), 0.5 * (low + high + _SMALLEST)
     for curve in panel.curves:
         if curve.target is not None:
             axes.plot(curve.times, curve.target, color=curve.colour, lw=0.9, ls=(0, (1, 1.6)), alpha=0.75, zorder=1.5)

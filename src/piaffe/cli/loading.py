@@ -29,11 +29,7 @@ def load_problem(spec: str) -> Problem:
     path, name = split(spec)
     module = run(path)
     if not hasattr(module, name):
-        own = (key for key, value in vars(module).items() if getattr(value, "__module__", "") == module.__name__)
-        problems = [key for key, value in vars(module).items() if isinstance(value, Problem)]
-        raise UnknownNameError(
-            f"file '{path}'", "problem", name, [*problems, *(key for key in own if key not in problems)]
-        )
+        raise UnknownNameError(f"file '{path}'", "problem", name, candidates(module))
     found = getattr(module, name)
     if callable(found):
         try:
@@ -48,6 +44,16 @@ def load_problem(spec: str) -> Problem:
             "a function that returns one; name another one as FILE:name"
         )
     return found
+
+
+def candidates(module: ModuleType) -> list[str]:
+    """Return the names that may be problems: problems first, then what the file itself defines, else all of it."""
+    from piaffe.ocp import Problem
+
+    names = {key: value for key, value in vars(module).items() if not key.startswith("_")}
+    problems = [key for key, value in names.items() if isinstance(value, Problem)]
+    own = [key for key, value in names.items() if getattr(value, "__module__", "") == module.__name__]
+    return list(dict.fromkeys(problems + own)) or list(names)
 
 
 def split(spec: str) -> tuple[Path, str]:
