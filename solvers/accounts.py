@@ -58,9 +58,18 @@ def violations(
                 name = problem.term_name(row)
                 known = worst.get((name, kind))
                 if known is None or amount > known.amount:
-                    source = str(problem.terms[row.term].source) if row.term >= 0 else "derived from the contact sequence"
+                    source = (
+                        str(problem.terms[row.term].source) if row.term >= 0 else "derived from the contact sequence"
+                    )
                     worst[name, kind] = Violation(
-                        problem.row_name(row), phase.name, first + node, amount, row.unit, kind, source, float(pushes[node, j])
+                        problem.row_name(row),
+                        phase.name,
+                        first + node,
+                        amount,
+                        row.unit,
+                        kind,
+                        source,
+                        float(pushes[node, j]),
                     )
     return tuple(sorted(worst.values(), key=lambda v: -v.amount))
 
@@ -105,7 +114,12 @@ def _limit(problem: CompiledProblem, phase: CompiledPhase, k: int) -> dict[str, 
             has = phase.p[0, slots[f"term{k}.has_{side}"]]
             values = phase.p[0, slots[f"term{k}.{side}"]]
             bounds[side] = [float(v) if h else None for v, h in zip(values, has, strict=True)]
-    rows = [row for group in ("stage_g", "stage_h", "terminal_g", "terminal_h") for row in phase.mode.rows[group] if row.term == k]
+    rows = [
+        row
+        for group in ("stage_g", "stage_h", "terminal_g", "terminal_h")
+        for row in phase.mode.rows[group]
+        if row.term == k
+    ]
     return {
         "name": term.name, "kind": term.kind, "unit": term.unit, "model": phase.mode.model.name,
         "labels": list(dict.fromkeys(row.label for row in rows)), "lower": bounds.get("lower"), "upper": bounds.get("upper"),

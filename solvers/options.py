@@ -68,7 +68,11 @@ class Options:
         for item in fields(self):
             value = getattr(self, item.name)
             if value is not None and not value > 0:
-                raise SolverError(f"options: {item.name} is out of range - got {value}, expected a positive number; raise it")
+                raise SolverError(
+                    f"options: {item.name} is out of range - got {value}, expected a positive number; raise it"
+                )
         for name in ("barrier_factor", "armijo", "merit_margin", "step_shrink", "min_step"):
             if not getattr(self, name) < 1:
-                raise SolverError(f"options: {name} is out of range - got {getattr(self, name)}, expected below 1; lower it")
+                raise SolverError(
+                    f"options: {name} is out of range - got {getattr(self, name)}, expected below 1; lower it"
+                )

@@ -31,6 +31,7 @@ class Outer:
         self._last_equality = np.inf
         self._last_cost: float | None = None
         self._unmoved = 0
+        self._last_violation = np.inf
 
     def _first(self, i: int) -> PhaseDual:
         phase, o = self.problem.phases[i], self.o
@@ -44,7 +45,7 @@ class Outer:
     def resume(self, solution: Solution) -> None:
         """Take everything from an earlier solution."""
         self.weight = solution.barrier_weight
-        self._last_cost = solution.cost
+        self._last_cost = solution.cost if solution.converged else None
         for dual, phase in zip(self.duals, solution.phases, strict=True):
             stored = phase.multipliers
             if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
@@ -71,7 +72,9 @@ class Outer:
             total += p.dt * float(np.sum((v.g < 10 * self.o.relaxation) & (p.g_mask > 0)))
         return self.weight * total
 
-    def update(self, values: list[PhaseValues], cost: float, violations: tuple[float, float], *, stationary: bool) -> None:
+    def update(
+        self, values: list[PhaseValues], cost: float, violations: tuple[float, float], *, stationary: bool
+    ) -> None:
         """Move on to the next sub-problem.
 
         Args:
@@ -80,7 +83,8 @@ class Outer:
             violations: largest equality and inequality violation.
             stationary: whether the last sub-problem was solved; if it was only left, its cost says nothing of the gap.
         """
-        if stationary and not self.gap_is_closed(cost):
+        nearly_met = violations[1] <= 10 * self.o.max_inequality
+        if stationary and nearly_met and not self.gap_is_closed(cost):
             self._last_cost = cost
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
         elif not stationary and self.near_gap(values) > self.allowed(cost):
@@ -88,16 +92,42 @@ class Outer:
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
         self._update_inequalities(values)
         self._update_equalities(values, violations[0])
-        at_limit = all(np.all(d.end_penalty >= self.o.max_penalty) for d in self.duals if d.end_penalty.size)
-        self._unmoved = self._unmoved + 1 if stationary and at_limit and violations[0] > self.o.max_equality else 0
+        if stationary:
+            self._watch(values, violations)
+
+    def _watch(self, values: list[PhaseValues], violations: tuple[float, float]) -> None:
+        """Count the solved sub-problems in a row that pushed as hard as they may and have not reduced the violation."""
+        now = max(violations[0] / self.o.max_equality, violations[1] / self.o.max_inequality)
+        stays = now > 1 and now > 0.9 * self._last_violation and self._pushes_hardest(values)
+        self._unmoved = self._unmoved + 1 if stays else 0
+        self._last_violation = now
+
+    def _pushes_hardest(self, values: list[PhaseValues]) -> bool:
+        """Return whether every violated row has its largest penalty or its smallest relaxation."""
+        floor, slack, limit = 1.01 * self.floor, self.o.max_inequality, self.o.max_equality
+        for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
+            soft = [
+                (v.g < -slack) & (p.g_mask > 0) & (d.relaxation > floor),
+                (v.end_g < -slack) & (p.end_g_mask > 0) & (d.end_relaxation > floor),
+                (np.abs(v.h) > limit) & (p.h_mask > 0) & (d.penalty < self.o.max_penalty),
+                (np.abs(v.end_h) > limit) & (p.end_h_mask > 0) & (d.end_penalty < self.o.max_penalty),
+            ]
+            if any(np.any(rows) for rows in soft):
+                return False
+        return True
+
+    @property
+    def floor(self) -> float:
+        """Smallest relaxation at the present ε: the one of the largest stiffness."""
+        return float(np.sqrt(self.weight / self.o.max_stiffness))
 
     @property
     def is_stuck(self) -> bool:
-        """Whether the largest penalties have been tried in vain."""
+        """Whether pushing harder no longer reduces the violation."""
         return self._unmoved > 5
 
     def _update_inequalities(self, values: list[PhaseValues]) -> None:
-        slack, floor = 0.25 * self.o.max_inequality, float(np.sqrt(self.weight / self.o.max_stiffness))
+        slack, floor = 0.25 * self.o.max_inequality, self.floor
         for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
             at, end_at = d.relaxation <= 1.01 * floor, d.end_relaxation <= 1.01 * floor
             d.shift = np.where(at, barrier.recentre(d.shift, v.g, p.g_mask, slack), d.shift)

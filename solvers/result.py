@@ -20,7 +20,9 @@ def assemble(run: Run, status: Status, wall_s: float) -> Solution:
     sweeps = _sweep(models, run.o.regularization, run.o.max_regularization)
     equality, inequality = run.violations(at)
     phases = []
-    for phase, dual, value, defects, sweep in zip(problem.phases, outer.duals, at.values, at.defects, sweeps, strict=True):
+    for phase, dual, value, defects, sweep in zip(
+        problem.phases, outer.duals, at.values, at.defects, sweeps, strict=True
+    ):
         push, end_push = accounts.inequality_multipliers(value, dual, outer.weight)
         multipliers = {
             "equality": dual.multiplier, "end_equality": dual.end_multiplier, "penalty": dual.penalty,
@@ -29,7 +31,9 @@ def assemble(run: Run, status: Status, wall_s: float) -> Solution:
             "inequality": push * phase.g_mask, "end_inequality": end_push * phase.end_g_mask,
         }  # fmt: skip
         policy = {name: getattr(sweep, name) for name in _POLICY}
-        phases.append(PhaseSolution(**policy, defects=defects, multipliers=multipliers, target_states=phase.guess_states))
+        phases.append(
+            PhaseSolution(**policy, defects=defects, multipliers=multipliers, target_states=phase.guess_states)
+        )
     return Solution(
         status=status, trajectory=accounts.trajectory(run.evaluator, at.iterate, at.values), phases=tuple(phases),
         history=tuple(run.history), cost=at.cost, max_defect=at.max_defect, max_equality=equality,

@@ -144,7 +144,9 @@ class Run:
         """Return whether to leave the current sub-problem unsolved: it has had its iterations, and rows are violated."""
         if self.inner < self.o.max_inner or self.current.max_defect >= _NEARLY_CLOSED:
             return False
-        return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(self.current.cost)
+        return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(
+            self.current.cost
+        )
 
     def meets_everything(self) -> bool:
         """Return whether every tolerance is met and the barrier no longer bends the solution."""

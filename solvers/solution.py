@@ -151,13 +151,20 @@ class Solution:
                 f"- {violation.kind} '{violation.name}' ({violation.source}), phase '{violation.phase}', node {violation.node}: "
                 f"missed by {violation.amount:.3g}{unit}; it pushes with {violation.multiplier:.3g}"
             )
-        defects = [(float(np.max(np.abs(p.defects))), t.name, p.defects, t) for p, t in zip(self.phases, self.trajectory.phases, strict=True)]
+        defects = [
+            (float(np.max(np.abs(p.defects))), t.name, p.defects, t)
+            for p, t in zip(self.phases, self.trajectory.phases, strict=True)
+        ]
         size, name, table, trajectory = max(defects, key=lambda item: item[0])
         if not self.converged and size > 0:
             node, row = np.unravel_index(int(np.argmax(np.abs(table))), table.shape)
-            lines.append(f"- largest defect: phase '{name}', node {node}, '{trajectory.state.labels[row]}' by {size:.3g}")
+            lines.append(
+                f"- largest defect: phase '{name}', node {node}, '{trajectory.state.labels[row]}' by {size:.3g}"
+            )
         if not self.converged and worst:
-            lines.append(f"Smallest relaxation that would admit this iterate: '{worst[0].name}' by {worst[0].amount:.3g} {worst[0].unit}.")
+            lines.append(
+                f"Smallest relaxation that would admit this iterate: '{worst[0].name}' by {worst[0].amount:.3g} {worst[0].unit}."
+            )
         return "\n".join(lines)
 
     def save(self, path: str | Path) -> Path:

@@ -11,7 +11,9 @@ class Status(Enum):
         "Stopped at the iteration limit before every tolerance was met; raise max_iterations, or see explain() for the "
         "rows that are still violated."
     )
-    TIME_LIMIT = "Stopped at the time limit before every tolerance was met; raise time_limit_s or warm-start from this result."
+    TIME_LIMIT = (
+        "Stopped at the time limit before every tolerance was met; raise time_limit_s or warm-start from this result."
+    )
     LINE_SEARCH_FAILED = (
         "No step decreased the merit even with the largest regularisation; the declared limits may exclude each other, or a "
         "term is not smooth here: see explain(), and run the derivative check."

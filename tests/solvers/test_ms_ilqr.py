@@ -107,12 +107,7 @@ def test_solution_meets_every_tolerance(name: str) -> None:
     assert solution.iterations <= 100
 
 
-HALVING = "a violation that falls from update to update is taken for one that stays"
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.xfail(reason=HALVING)) if n == "hopper" else n for n in PROBLEMS]
-)
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_very_tight_tolerances_are_met_too(name: str) -> None:
     solution = MSiLQR(compiled(name), PRECISE).solve()
     assert solution.status is Status.CONVERGED, solution.explain()
