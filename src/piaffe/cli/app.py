@@ -210,7 +210,7 @@ def video(
     size: Annotated[str, typer.Option(metavar="WxH", help="Width and height in pixels.")] = "1280x720",
     fps: Annotated[int, typer.Option(min=1, max=240, help="Pictures per second.")] = 50,
     azimuth: Annotated[float, typer.Option(help="Direction of view about the vertical [degree].")] = 60.0,
-    distance: Annotated[float, typer.Option(help="Distance of the camera, in lengths of the body.")] = 3.7,
+    distance: Annotated[float, typer.Option(help="Distance of the camera, in sizes of the robot.")] = 1.85,
     friction: Annotated[
         float | None, typer.Option(help="Friction coefficient to simulate with; that of the problem by default.")
     ] = None,

@@ -29,7 +29,7 @@ class Studio:
         size: width and height of the pictures [pixels].
         azimuth: direction of view about the vertical [degree]; 90 looks along +y.
         elevation: of the view [degree], negative from above.
-        distance: of the camera, in lengths of the standing robot's body.
+        distance: of the camera, in sizes of the standing robot (the diagonal of its box).
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Studio:
         *,
         azimuth: float = 60.0,
         elevation: float = -14.0,
-        distance: float = 3.7,
+        distance: float = 1.85,
     ) -> None:
         import mujoco
 
@@ -57,7 +57,7 @@ class Studio:
         self.data, self.shade = mujoco.MjData(self.model), mujoco.MjData(self.model)
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth, self.camera.elevation = azimuth, elevation
-        self.length = self.model.stat.extent / 2
+        self.length = self._size()
         self.camera.distance = distance * self.length
         self.weight = robot.mass * 9.81
 
@@ -70,6 +70,19 @@ class Studio:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         self.renderer.close()
+
+    def _size(self) -> float:
+        """Return the diagonal of the box around the standing robot [m]."""
+        self.data.qpos[2], self.data.qpos[7:] = self.robot.base_height(), self.robot.pose("stand")
+        self.mujoco.mj_forward(self.model, self.data)
+        plane = self.mujoco.mjtGeom.mjGEOM_PLANE
+        corners = []
+        for i in np.flatnonzero(self.model.geom_type != plane):
+            turn = self.data.geom_xmat[i].reshape(3, 3)
+            centre = self.data.geom_xpos[i] + turn @ self.model.geom_aabb[i, :3]
+            half = np.abs(turn) @ self.model.geom_aabb[i, 3:]
+            corners += [centre - half, centre + half]
+        return float(np.linalg.norm(np.ptp(corners, axis=0)))
 
     def picture(self, shown: Snapshot, look_at: Array) -> NDArray[np.uint8]:
         """Return a picture of a snapshot, (height, width, 3), at the size in which it is drawn.
@@ -103,13 +116,13 @@ class Studio:
             scene.geoms[i].matid, scene.geoms[i].transparent = -1, 1
 
     def _add_arrow(self, at: Array, force: Array, colour: str) -> None:
-        """Add an arrow of a force; a little longer than the body if it carries the robot's weight."""
+        """Add an arrow of a force; more than half the robot's size if it carries its weight."""
         mujoco, scene = self.mujoco, self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return
         geom = scene.geoms[scene.ngeom]
         rgba = np.array(to_rgba(colour, 0.9), dtype=np.float32)
         mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_ARROW, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
-        tip = at + 1.2 * self.length * force / max(self.weight, float(np.linalg.norm(force)) / _LONGEST)
-        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.022 * self.length, np.asarray(at), tip)
+        tip = at + 0.6 * self.length * force / max(self.weight, float(np.linalg.norm(force)) / _LONGEST)
+        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 0.011 * self.length, np.asarray(at), tip)
         scene.ngeom += 1
