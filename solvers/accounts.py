@@ -122,6 +122,7 @@ def _limit(problem: CompiledProblem, phase: CompiledPhase, k: int) -> dict[str, 
     ]
     return {
         "name": term.name, "kind": term.kind, "unit": term.unit, "model": phase.mode.model.name,
-        "labels": list(dict.fromkeys(row.label for row in rows)), "lower": bounds.get("lower"), "upper": bounds.get("upper"),
+        "labels": list(dict.fromkeys(row.label for row in rows)),
+        "lower": bounds.get("lower"), "upper": bounds.get("upper"),
         "parameters": {name: value.tolist() for name, value in term.parameters.items()},
     }  # fmt: skip

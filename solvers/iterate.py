@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,12 +63,15 @@ class PhaseDual:
 
 
 def solve_nodes(K: Array, r: Array) -> Array:
-    """Return K⁻¹ r node by node for r of shape (n, nz) or (n, nz, m)."""
+    """Return K⁻¹ r node by node for r of shape (n, nz) or (n, nz, m); NaN if some K is singular."""
     if r.shape[1] == 0:
         return r
-    if r.ndim == 2:
-        return np.linalg.solve(K, r[:, :, None])[:, :, 0]
-    return np.linalg.solve(K, r)
+    columns = r[:, :, None] if r.ndim == 2 else r
+    try:
+        solved: Array = np.asarray(np.linalg.solve(K, columns), dtype=float)
+    except np.linalg.LinAlgError:
+        solved = np.full(columns.shape, np.nan)
+    return solved.reshape(r.shape)
 
 
 class Evaluator:
@@ -77,7 +81,7 @@ class Evaluator:
         self.problem = problem
         self._batches: dict[int, Batch] = {}
 
-    def call(self, function: object, *arguments: Array) -> list[Array]:
+    def call(self, function: Any, *arguments: Array) -> list[Array]:
         """Evaluate a CasADi function over stacked nodes."""
         if id(function) not in self._batches:
             self._batches[id(function)] = Batch(function)
@@ -117,7 +121,8 @@ class Evaluator:
         phase = self.problem.phases[i]
         f, p = phase.mode.functions, phase.p[k : k + 1]
         K, r0 = self.call(f["implicit"], x[None], u[None], p)
-        return self.call(f["stage"], x[None], u[None], -solve_nodes(K, r0), p)[0][0]
+        after: Array = self.call(f["stage"], x[None], u[None], -solve_nodes(K, r0), p)[0][0]
+        return after
 
     def reset(self, i: int, x: Array) -> Array:
         """Return the first state of the phase after phase i, (nx,)."""
@@ -125,7 +130,8 @@ class Evaluator:
         assert phase.transition is not None  # asked only between phases
         t, p = phase.transition.functions, phase.p_transition[None]
         K, r0 = self.call(t["implicit"], x[None], p)
-        return self.call(t["reset"], x[None], -solve_nodes(K, r0), p)[0][0]
+        first: Array = self.call(t["reset"], x[None], -solve_nodes(K, r0), p)[0][0]
+        return first
 
     # ---- the linear-quadratic model
 
@@ -185,7 +191,8 @@ class Evaluator:
         )  # fmt: skip
         if phase.transition.nz:
             d_x = d_x - d_z @ solve_nodes(value.K_reset[None], r_x)
-        return d_x[0]
+        jacobian: Array = d_x[0]
+        return jacobian
 
 
 def running_cost(phase: CompiledPhase, value: PhaseValues) -> float:

@@ -36,7 +36,8 @@ class Outer:
     def _first(self, i: int) -> PhaseDual:
         phase, o = self.problem.phases[i], self.o
         return PhaseDual(
-            relaxation=np.full(phase.g_mask.shape, o.relaxation), end_relaxation=np.full(phase.end_g_mask.shape, o.relaxation),
+            relaxation=np.full(phase.g_mask.shape, o.relaxation),
+            end_relaxation=np.full(phase.end_g_mask.shape, o.relaxation),
             shift=np.zeros(phase.g_mask.shape), end_shift=np.zeros(phase.end_g_mask.shape),
             multiplier=np.zeros(phase.h_mask.shape), penalty=np.full(phase.h_mask.shape, o.penalty),
             end_multiplier=np.zeros(phase.end_h_mask.shape), end_penalty=np.full(phase.end_h_mask.shape, o.penalty),
@@ -66,7 +67,7 @@ class Outer:
         return self.o.barrier_gap * (1 + abs(cost))
 
     def near_gap(self, values: list[PhaseValues]) -> float:
-        """Return ε times the rows near their bound and their time: a first estimate of the barrier's share of the cost."""
+        """Return ε times the rows near their bound and their time: roughly the barrier's share of the cost."""
         total = 0.0
         for p, v in zip(self.problem.phases, values, strict=True):
             total += p.dt * float(np.sum((v.g < 10 * self.o.relaxation) & (p.g_mask > 0)))

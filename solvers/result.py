@@ -58,6 +58,7 @@ def _sweep(models: list[LqPhase], first: float, last: float) -> list[Sweep]:
 def _blank(model: LqPhase) -> Sweep:
     n, ndx, nu = model.B.shape
     return Sweep(
-        np.zeros((n, nu)), np.zeros((n, nu, ndx)), np.zeros((n + 1, ndx)), np.zeros((n + 1, ndx, ndx)), np.zeros((n, ndx)),
+        np.zeros((n, nu)), np.zeros((n, nu, ndx)), np.zeros((n + 1, ndx)), np.zeros((n + 1, ndx, ndx)),
+        np.zeros((n, ndx)),
         np.zeros((n, nu)), np.zeros((n, ndx, ndx)), np.zeros((n, nu, ndx)), np.zeros((n, nu, nu)),
     )  # fmt: skip

@@ -41,7 +41,7 @@ class LqPhase:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What the backward sweep found for one phase; feedforward k (N, nu), feedback K (N, nu, ndx), V and Q expansions."""
+    """What the backward sweep found for one phase: feedforward k (N, nu), feedback K (N, nu, ndx), V and Q."""
 
     feedforward: Array
     feedback: Array
@@ -141,8 +141,9 @@ def roll_out(phases: list[LqPhase], sweeps: list[Sweep]) -> Direction:
 
 
 def close_defects(phases: list[LqPhase], sweeps: list[Sweep], defects: list[Array]) -> tuple[list[Array], list[Array]]:
-    """Return the step that closes given defects through the linear model under the feedback alone: a second-order
-    correction of a trial step whose defects grew with its curvature.
+    """Return the step that closes given defects through the linear model, under the feedback alone.
+
+    It is the second-order correction of a trial step whose defects grew with its curvature.
     """
     dxs, dus, first = [], [], defects[0][0]
     for i, (phase, sweep, defect) in enumerate(zip(phases, sweeps, defects, strict=True)):

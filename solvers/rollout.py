@@ -38,7 +38,8 @@ def move(
         shooting: which nodes are shooting nodes, per phase (N+1,).
         feedback: K per phase (N, nu, ndx); None for no feedback.
     """
-    states, controls = [], []
+    states: list[Array] = []
+    controls: list[Array] = []
     for i, phase in enumerate(evaluator.problem.phases):
         space = phase.mode.state
         x = space.np_plus(start.states[i], size * dx[i])

@@ -134,14 +134,14 @@ class Run:
                 self.models = self.linearise()
 
     def is_stationary(self, direction: Direction) -> bool:
-        """Return whether the current sub-problem is solved: nothing is expected, or nothing has been gained for long."""
+        """Return whether the sub-problem is solved: nothing is expected, or nothing has been gained for long."""
         tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
         nothing_expected = abs(direction.dV1 + 0.5 * direction.dV2) < tolerance
         nothing_gained = len(self.gains) >= _PATIENCE and max(self.gains[-_PATIENCE:]) < tolerance
         return (nothing_expected or nothing_gained) and self.current.max_defect < self.o.max_defect
 
     def is_due(self) -> bool:
-        """Return whether to leave the current sub-problem unsolved: it has had its iterations, and rows are violated."""
+        """Return whether to leave the sub-problem unsolved: it has had its iterations, and rows are violated."""
         if self.inner < self.o.max_inner or self.current.max_defect >= _NEARLY_CLOSED:
             return False
         return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(

@@ -31,7 +31,7 @@ class PhaseSolution:
         V_x, V_xx: value function at nodes 0..N. Q_x, Q_u, Q_xx, Q_ux, Q_uu: action-value function at stages.
         defects: (N+1, ndx); row 0 is the initial state's or the reset map's.
         multipliers: ``equality`` (N, nh), ``end_equality`` (nh_end,), ``inequality`` (N, ng), ``end_inequality``; of
-            rates for stages. ``penalty``, ``end_penalty``, ``relaxation``, ``end_relaxation``: what a warm start resumes.
+            rates for stages. ``penalty``, ``relaxation``, ``shift`` and ``end_`` twins: what a warm start resumes.
         target_states: the path the motion was asked to follow (N+1, nx).
     """
 
@@ -141,14 +141,16 @@ class Solution:
             last = self.history[-1]
             lines.append(
                 f"After {self.iterations} iterations: cost {self.cost:.6g}, largest defect {self.max_defect:.2e}, "
-                f"equality {self.max_equality:.2e}, inequality {self.max_inequality:.2e}; last step {last.step_size:.3g}, "
+                f"equality {self.max_equality:.2e}, inequality {self.max_inequality:.2e}; "
+                f"last step {last.step_size:.3g}, "
                 f"regularisation {last.regularization:.1e}, barrier weight {last.barrier_weight:.1e}."
             )
         worst = [v for v in self.violations if v.amount > 0][:5]
         for violation in worst:
             unit = f" {violation.unit}" if violation.unit else ""
             lines.append(
-                f"- {violation.kind} '{violation.name}' ({violation.source}), phase '{violation.phase}', node {violation.node}: "
+                f"- {violation.kind} '{violation.name}' ({violation.source}), phase '{violation.phase}', "
+                f"node {violation.node}: "
                 f"missed by {violation.amount:.3g}{unit}; it pushes with {violation.multiplier:.3g}"
             )
         defects = [
@@ -163,7 +165,8 @@ class Solution:
             )
         if not self.converged and worst:
             lines.append(
-                f"Smallest relaxation that would admit this iterate: '{worst[0].name}' by {worst[0].amount:.3g} {worst[0].unit}."
+                f"Smallest relaxation that would admit this iterate: '{worst[0].name}' by {worst[0].amount:.3g} "
+                f"{worst[0].unit}."
             )
         return "\n".join(lines)
 

@@ -15,16 +15,16 @@ class Status(Enum):
         "Stopped at the time limit before every tolerance was met; raise time_limit_s or warm-start from this result."
     )
     LINE_SEARCH_FAILED = (
-        "No step decreased the merit even with the largest regularisation; the declared limits may exclude each other, or a "
-        "term is not smooth here: see explain(), and run the derivative check."
+        "No step decreased the merit even with the largest regularisation; the declared limits may exclude each other, "
+        "or a term is not smooth here: see explain(), and run the derivative check."
     )
     INFEASIBLE = (
-        "Stationary, but a constraint stays violated with the largest penalty; the rows that explain() names cannot all "
-        "hold: relax them, lengthen the phase or move the keyframe."
+        "Stationary, but a constraint stays violated with the largest penalty; the rows that explain() names cannot "
+        "all hold: relax them, lengthen the phase or move the keyframe."
     )
     NOT_FINITE = (
-        "The start of the solve is not finite: a value or derivative is NaN at the initial guess or warm start; check the "
-        "initial state and the parameters."
+        "The start of the solve is not finite: a value or derivative is NaN at the initial guess or warm start; check "
+        "the initial state and the parameters."
     )
     INTERRUPTED = "Interrupted by the user; the best iterate so far is returned."
 
