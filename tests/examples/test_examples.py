@@ -1,0 +1,171 @@
+"""Every example runs as it stands, and returns the number that it promises."""
+
+import importlib.util
+import inspect
+import json
+import subprocess
+import sys
+from math import pi
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+from piaffe import ocp, solvers
+from piaffe.models import measures
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+FILES = sorted(EXAMPLES.glob("*.py"))
+NOTEBOOK = EXAMPLES / "own_robot.ipynb"
+
+
+@pytest.fixture(scope="module")
+def load():
+    """Import an example once per session of this file."""
+    loaded = {}
+
+    def module(name):
+        if name not in loaded:
+            spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+            loaded[name] = importlib.util.module_from_spec(spec)
+            spec.loader.exec_module(loaded[name])
+        return loaded[name]
+
+    return module
+
+
+def checked(problem, solution):
+    """Return the verification of a solution; everything within its bounds."""
+    found = ocp.verify(ocp.compile_problem(problem), solution.trajectory)
+    assert found.max_defect <= 1e-4
+    assert found.max_equality <= 1e-3
+    assert found.max_inequality <= 1e-3
+    return found
+
+
+# ---- all of them
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_an_example_is_one_page_with_a_sentence_and_a_problem(file, load):
+    lines = file.read_text().splitlines()
+    assert len(lines) <= 120
+    assert lines[0].startswith('"""')
+    assert lines[0].endswith('"""')
+    module = load(file.stem)
+    assert callable(module.problem) or isinstance(module.problem, ocp.Problem)
+    if hasattr(module, "main"):
+        signature = inspect.signature(module.main)
+        assert signature.return_annotation is float
+        assert all(given.default is not inspect.Parameter.empty for given in signature.parameters.values())
+
+
+def test_an_example_runs_as_a_script(tmp_path):
+    ran = subprocess.run(
+        [sys.executable, str(EXAMPLES / "own_dynamics.py"), "--bounciness", "0.7"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.splitlines()[-1].endswith(" m")
+
+
+# ---- each of them
+
+
+def test_the_ball_comes_as_high_as_it_should(load):
+    assert load("own_dynamics").main() == pytest.approx(0.6, abs=0.005)
+
+
+def test_a_duller_ball_needs_more_thrust_and_nothing_is_built(load):
+    module = load("own_dynamics")
+    ocp.compile_problem(module.problem)
+    dull = module.problem.with_parameters(restitution=0.6)
+    assert ocp.compile_problem(dull).lowered == 0
+    bright, dull = (solvers.MSiLQR(p).solve().raise_if_failed() for p in (module.problem, dull))
+    before, after = (dull.trajectory.phases[i].states[k] for i, k in ((0, -1), (1, 0)))
+    assert before[0] == pytest.approx(0.0, abs=1e-3)
+    assert after[1] == pytest.approx(-0.6 * before[1], abs=1e-4)
+    assert dull.term_costs["regularize thrust"] > 2 * bright.term_costs["regularize thrust"]
+
+
+def test_the_rocket_stops_at_its_height(load):
+    module = load("own_dynamics")
+    assert module.main("launch") == pytest.approx(10.0, abs=0.01)
+    compiled = ocp.compile_problem(module.launch)
+    assert [(phase.mode.state.nx, phase.mode.nu) for phase in compiled.phases] == [(3, 1), (2, 0)]
+
+
+def test_the_squat_passes_under_the_bar(load):
+    assert load("own_terms").main(bar=0.15) <= 0.15 + 1e-4
+
+
+def test_own_terms_hold_at_every_node(load):
+    module = load("own_terms")
+    solution = solvers.MSiLQR(module.problem).solve().raise_if_failed()
+    checked(module.problem, solution)
+    names = {violation.name.split()[0] for violation in solution.violations}
+    assert {"knee_clearance", "under_the_bar", "at_rest"} <= names
+    assert "hip_symmetry" in solution.term_costs
+
+
+def test_the_biped_lands_where_it_should(load):
+    assert load("biped").main() == pytest.approx(0.10, abs=1e-3)
+
+
+def test_the_corners_of_a_sole_are_refused_by_name(load):
+    told = load("biped").soles()
+    assert "redundant contact points - got L_TOE_OUT, L_HEEL_IN" in told
+    assert "expected points that can be held independently" in told
+
+
+def test_the_notebook_goes_from_a_urdf_to_a_hop(capsys):
+    matplotlib.use("Agg")
+    cells = json.loads(NOTEBOOK.read_text())["cells"]
+    names = {"__name__": "__main__"}
+    for cell in cells:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), f"{NOTEBOOK.name}, {cell['id']}", "exec"), names)
+    matplotlib.pyplot.close("all")
+    assert names["solution"].converged
+    assert names["apex"] > 1.2 * names["height"]
+    assert "note: robot: my_robot: 12 joints" in capsys.readouterr().out
+
+
+def test_the_notebook_is_kept_without_outputs():
+    for cell in json.loads(NOTEBOOK.read_text())["cells"]:
+        assert not cell.get("outputs")
+        assert cell.get("execution_count") is None
+
+
+def test_the_roll_rolls_once_within_every_limit(load):
+    problem = load("barrel_roll").problem
+    solution = solvers.MSiLQR(problem).solve().raise_if_failed()
+    checked(problem, solution)
+    assert measures.turns(solution.trajectory) == pytest.approx([2 * pi, 0, 0], abs=0.05)
+    assert 0.38 < measures.apex(solution.trajectory) < 0.60
+    assert np.abs(solution.controls).max() <= 17 + 1e-3
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "bound",
+        "pronk",
+        pytest.param("pace", marks=pytest.mark.slow),
+        pytest.param("flying_trot", marks=pytest.mark.slow),
+    ],
+)
+def test_gaits_go_forward(name, load):
+    assert 0.2 < load("gaits").main(name) < 0.7
+
+
+def test_the_cascade_holds_its_height(load):
+    module = load("cascade")
+    assert module.main() == pytest.approx(0.25, abs=0.05)
+
+
+def test_the_composition_goes_on_after_the_roll(load, tmp_path):
+    module = load("run_roll_run")
+    assert module.main(tmp_path) > 0.05
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["pace.npz", "roll.npz"]
