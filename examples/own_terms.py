@@ -37,8 +37,8 @@ def at_rest(s):
 four = stance("FL FR HL HR")
 height = robot.base_height("stand")  # [m]
 squat = ocp.Motion(
-    ocp.Phase("squat", four, 0.25, ocp.Keyframe(position=(0, 0, 0.17))),  # [s], [m]
-    ocp.Phase("rise", four, 0.25, ocp.Keyframe(position=(0, 0, height))),
+    ocp.Phase("squat", four, 0.25, ocp.Keyframe(position=(0, 0, 0.17), joints="crouch")),  # [s], [m]
+    ocp.Phase("rise", four, 0.25, ocp.Keyframe(position=(0, 0, height), joints="stand")),
 )
 objective = ocp.Objective(
     ocp.track(base.position, weight=(1, 1, 10)),

@@ -55,9 +55,8 @@ def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
             if term not in terms:
                 raise ProblemError(
                     f"schedule ({segment.source}), model '{segment.model.name}': leaves out a term that is not in the "
-                    "problem - "
-                    f"got '{term.name}' ({term.source}), expected one of its terms; pass the very object that the "
-                    "problem has"
+                    f"problem - got '{term.name}' ({term.source}), expected one of its terms; pass the very object "
+                    "that the problem has"
                 )
 
 
@@ -76,8 +75,8 @@ def require_derivatives(problem: Problem | CompiledProblem, solver: str) -> None
         if not model.has_derivatives:
             raise ProblemError(
                 f"{where}, model '{model.name}': has no derivatives - got a model that can only be simulated, expected "
-                "one "
-                f"whose dynamics is an expression, for {solver}; schedule another model, or use a sampling controller"
+                f"one whose dynamics is an expression, for {solver}; schedule another model, or use a sampling "
+                "controller"
             )
 
 
@@ -185,10 +184,8 @@ def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) 
                     got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
                     raise ProblemError(
                         f"{_owner(compiled, guess.phase, group, name, row)}, phase '{guess.phase.name}', node "
-                        f"{first + node}: "
-                        f"{what} at the initial guess is not finite - got {got}, expected finite numbers; move the "
-                        "guess or "
-                        "the term away from the singularity"
+                        f"{first + node}: {what} at the initial guess is not finite - got {got}, expected finite "
+                        "numbers; move the guess or the term away from the singularity"
                     )
 
 

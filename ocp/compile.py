@@ -28,6 +28,7 @@ from .problem import Problem
 from .quantity import Quantity
 from .term import At, Constraint, Cost
 from .timeline import Stretch, covers, lay
+from .trajectory import SCHEDULED
 from .transition import LoweredTransition, lower_transition
 
 Array = NDArray[np.float64]
@@ -158,7 +159,7 @@ class _Compilation:
         states, controls = self.guess(model, stretch, samples, i == 0)
         return CompiledPhase(
             name=stretch.interval.phase.name,
-            label=str(mode_now) if model.cut_by_modes else "scheduled",
+            label=str(mode_now) if model.cut_by_modes else SCHEDULED,
             interval=stretch.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1],
             weight=stage[0], g_mask=stage[1], h_mask=stage[2],
             end_weight=end[0][0], end_g_mask=end[1][0], end_h_mask=end[2][0],
@@ -251,8 +252,7 @@ class _Compilation:
                 )
             raise ProblemError(
                 f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one "
-                "model "
-                "and phase; correct it or remove it"
+                "model and phase; correct it or remove it"
             )
         slots = {f"{model.name}.{slot.name}" for model in self.models for slot in model.slots}
         for name in sorted(set(self.problem.parameters) - self.numbers.used):

@@ -29,6 +29,7 @@ from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 
 from . import rotation
 from .layout import Layout
+from .linear import affine, tangent_jacobians
 from .manifold import Manifold
 from .model import Dynamics, ModelBase
 from .parameter import Parameter, find
@@ -128,8 +129,7 @@ class Lowering:
         if absent is not None and cs.depends_on(expression, absent):
             raise ProblemError(
                 f"{where}: depends on control or contact force where there is none - got an expression of them at the "
-                "end of "
-                "a phase, expected one of the state; change it"
+                "end of a phase, expected one of the state; change it"
             )
         own = {
             e.element_hash()
@@ -288,8 +288,7 @@ class Lowering:
             if term.at != "running" and needs:
                 raise ProblemError(
                     f"term '{term.name}' ({term.source}): depends on control or contact force where there is none - "
-                    "got "
-                    f"at='{term.at}', expected at='running' or an expression of the state; change one"
+                    f"got at='{term.at}', expected at='running' or an expression of the state; change one"
                 )
             if term.at == "running":
                 stage[group].append(piece)
@@ -370,34 +369,3 @@ def _rows(pieces: list[_Piece]) -> tuple[Row, ...]:
 
 def _stack(parts: list[cs.SX]) -> cs.SX:
     return cs.vertcat(*parts) if parts else cs.SX(0, 1)
-
-
-def affine(implicit: cs.SX, z: cs.SX, where: str) -> tuple[cs.SX, cs.SX]:
-    """Return K and r0 of r = r0 + K z; raise if r is not affine in z."""
-    if z.numel() != implicit.numel():
-        raise ShapeError(
-            f"{where}: implicit part has the wrong size - got {implicit.numel()} rows, expected {z.numel()}"
-        )
-    K = cs.jacobian(implicit, z)
-    if z.numel() and cs.depends_on(K, z):
-        raise ProblemError(
-            f"{where}: the implicit part is not affine in z - got a Jacobian that depends on z, expected one that does "
-            "not"
-        )
-    return K, cs.substitute(implicit, z, cs.SX.zeros(z.numel()))
-
-
-def tangent_jacobians(
-    groups: list[cs.SX], state: Manifold, x: cs.SX, dx: cs.SX, u: cs.SX, z: cs.SX
-) -> tuple[list[cs.SX], list[cs.SX]]:
-    """Return the Jacobians of each group by w = (δx, u) and by z, δx taken at zero through the manifold."""
-    nudged = cs.substitute(cs.vertcat(*groups), x, state.nudge(x, dx))
-    J = cs.substitute(cs.jacobian(nudged, cs.vertcat(dx, u, z)), dx, cs.SX.zeros(dx.numel()))
-    nw = dx.numel() + u.numel()
-    by_w, by_z, first = [], [], 0
-    for group in groups:
-        part = J[first : first + group.numel(), :]
-        by_w.append(part[:, :nw])
-        by_z.append(part[:, nw:])
-        first += group.numel()
-    return by_w, by_z

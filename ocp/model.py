@@ -190,9 +190,11 @@ class ModelBase(ABC):
             block = known[path]
             array = np.atleast_1d(np.asarray(value, dtype=float))
             if array.shape != (block.ndx,):
+                named = f" ({', '.join(block.labels)})" if any(block.labels) else ""
+                unit = f" [{block.quantity.unit}]" if block.quantity.unit else ""
                 raise ModelError(
-                    f"keyframe for model '{self.name}', target '{path}': wrong size - got {array.size}, "
-                    f"expected {block.ndx} ({', '.join(block.labels)}) [{block.quantity.unit}]; give one per component"
+                    f"keyframe for model '{self.name}', target '{path}': wrong size - got {array.size} entries, "
+                    f"expected {block.ndx}{named}{unit}; give one per component"
                 )
             targets[block.quantity] = array
         return targets

@@ -14,7 +14,7 @@ from .path import Interval, Path, PlacedPiece
 from .phase import Phase
 from .reference import FromTrajectory, Keyframes, Reference
 from .source import Source, caller
-from .trajectory import Trajectory
+from .trajectory import SCHEDULED, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +104,15 @@ class Motion:
             trajectory: e.g. ``solution.trajectory``.
             modes: mode to use instead of the text stored for a phase's name, for models whose modes are not text.
         """
-        phases = tuple(
-            Phase(part.name, (modes or {}).get(part.name, part.mode), part.duration) for part in trajectory.phases
-        )
+        given = modes or {}
+        for part in trajectory.phases:
+            if part.mode == SCHEDULED and part.name not in given:
+                raise ProblemError(
+                    f"motion ({caller()}): phase '{part.name}' of the trajectory spans several modes - got a stretch "
+                    f"of model '{part.model}', which no change of modes cuts, expected phases of one mode each; take "
+                    "the phases before it alone, or name its mode in modes="
+                )
+        phases = tuple(Phase(part.name, given.get(part.name, part.mode), part.duration) for part in trajectory.phases)
         return cls(*phases, reference=FromTrajectory(trajectory))
 
     @classmethod

@@ -59,8 +59,7 @@ def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequenc
                             f"term '{declared.name}' ({declared.source}), phase '{phase.name}', node {first + node}",
                             f"the residual is near half a turn - got {angles[node]:.2f} rad, expected less than "
                             f"{np.pi - NEAR_HALF_TURN:.2f} rad; beyond π it pulls the other way round: add a keyframe "
-                            "on "
-                            "the way, or lengthen the phase",
+                            "on the way, or lengthen the phase",
                         )
                     )
     return found

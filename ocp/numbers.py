@@ -102,8 +102,7 @@ class Numbers:
             if f"{model.name}.{name}" in self.problem.parameters:
                 raise ProblemError(
                     f"problem ({self.problem.source}), parameter '{model.name}.{name}': follows from the motion - got "
-                    "a "
-                    "number for it, expected none; change the motion's phases or targets"
+                    "a number for it, expected none; change the motion's phases or targets"
                 )
             values[f"model.{name}"] = np.asarray(value, dtype=float)
         return values
@@ -171,9 +170,8 @@ class Numbers:
         for i in np.flatnonzero(both * (lower > upper)):
             raise ProblemError(
                 f"constraint '{term.name}' ({term.source}), model '{mode.model.name}', row {i}: bounds exclude each "
-                "other - "
-                f"got lower {lower[i]:g} above upper {upper[i]:g} [{term.unit or '-'}], expected lower ≤ upper; swap "
-                "them"
+                f"other - got lower {lower[i]:g} above upper {upper[i]:g} [{term.unit or '-'}], expected lower ≤ "
+                "upper; swap them"
             )
 
     def target(self, term: Cost, size: int, sample: Sample, labels: tuple[str, ...]) -> Array:
@@ -197,8 +195,7 @@ class Numbers:
                 raise ProblemError(
                     f"term '{term.name}' ({term.source}): the motion has no target for it - got targets "
                     f"{sorted(q.path for q in sample)}, expected '{quantity}'; give to=..., or put it in the keyframes "
-                    "or "
-                    "the reference"
+                    "or the reference"
                 )
             value = np.atleast_1d(np.asarray(found, dtype=float))
         elif rotates and value.size == 3:

@@ -13,6 +13,9 @@ from .quantity import Quantity
 
 Array = NDArray[np.float64]
 
+SCHEDULED = "scheduled"
+"""Mode of a stretch of a model that changes of modes do not cut: it may span several of them."""
+
 
 @dataclass(frozen=True, eq=False)
 class PhaseTrajectory:

@@ -19,7 +19,8 @@ import casadi as cs
 from piaffe.errors import ProblemError, ShapeError
 
 from .layout import Layout
-from .lowering import Lowering, affine, tangent_jacobians
+from .linear import affine, tangent_jacobians
+from .lowering import Lowering
 from .model import ModelBase
 from .parameter import Parameter
 from .phase import ResetMap

@@ -50,8 +50,7 @@ def test_a_stance_foot_off_the_ground():
     assert where == f"phase 'stand' ({FILE}:{phase.source.line}), keyframe"
     assert text == (
         "stance foot held off the ground - got FL 0.050 m above it, FR 0.050 m above it, HL 0.050 m above it, HR 0.050 "
-        "m "
-        "above it, expected within 0.02 m; move the base or bend the leg"
+        "m above it, expected within 0.02 m; move the base or bend the leg"
     )
 
 
@@ -85,8 +84,7 @@ def test_a_joint_beyond_its_limit():
     texts = [text for _, text in warned(stand, keyframe("bend", NONE, 0.1, joints=bent))]
     assert texts == [
         "joint beyond its limit - got FL_HAA at 1.500 rad, HR_HAA at -1.400 rad, expected -1.300 to 1.300 rad, -1.300 "
-        "to "
-        "1.300 rad; bend it less"
+        "to 1.300 rad; bend it less"
     ]
 
 
@@ -105,8 +103,7 @@ def test_a_static_torque_beyond_the_limit():
     assert text.startswith("static torque beyond the limit - got FL_KFE ")
     assert text.endswith(
         "Nm to hold still on FL FR HL HR, expected at most 1.0 Nm, 1.0 Nm, 1.0 Nm, 1.0 Nm; straighten the legs or put "
-        "more "
-        "feet on the ground"
+        "more feet on the ground"
     )
 
 
@@ -189,6 +186,8 @@ def test_a_velocity_that_a_keyframe_gives_leaves_no_choice():
 
 def test_gaits_have_no_keyframes():
     assert warned(motion=models.gaits.trot(speed=0.2).cycles(1)) == []
+    endless = models.gaits.pronk(0.5)
+    assert BODY.notices(endless.bind((BODY,), BODY.state.unpack(BODY.state()))) == []
 
 
 def test_keyframes_after_a_gait_are_looked_at():
