@@ -10,7 +10,8 @@ For each function NAME::
     void NAME(const vd *const *arg, vd *const *res, vd *w);
 
 with ``arg[i][k]`` nonzero k of input i and ``res[i][k]`` nonzero k of output i, both column by column, and
-``w[NAME_SZ_W]``. All are aligned to the size of vd, none overlap, none may be null unless it has no nonzeros. Reentrant.
+``w[NAME_SZ_W]``. All are aligned to the size of vd, none overlap, none may be null unless it has no nonzeros.
+Reentrant.
 """
 
 from __future__ import annotations
@@ -206,7 +207,7 @@ def _chunks(program: _Program, size: int) -> tuple[list[list[str]], int]:
     chunks: list[list[str]] = []
     for start in range(0, len(program.steps), size):
         end, lines, local = start + size, [], set[str]()
-        for i, step in enumerate(program.steps[start:end], start):
+        for step in program.steps[start:end]:
             for operand in step.operands:
                 if operand in slots and operand not in local:
                     lines.append(f"const vd {operand} = {slots[operand]};")
