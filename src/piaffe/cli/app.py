@@ -277,3 +277,26 @@ def doctor(
     warnings = sum(finding.severity == "warning" for finding in findings)
     console.print(f"{errors} errors, {warnings} warnings")
     raise typer.Exit(FAILED if errors else 0)
+
+
+@app.command()
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all of them.")] = False,
+    json: Json = False,
+) -> None:
+    """Show the compiled solvers that are kept: where, what for, how large and how old; or remove them."""
+    from piaffe.solvers.native.cache import Cache
+
+    from .libraries import cache_values, megabytes, print_cache
+    from .reports import as_json
+
+    kept = Cache()
+    if clear:
+        removed, freed = kept.clear()
+        print(
+            as_json({"removed": removed, "freed": freed}) if json else f"removed {removed} libraries, {megabytes(freed)}"
+        )
+    elif json:
+        print(as_json(cache_values(kept)))
+    else:
+        print_cache(terminal(), cache_values(kept))

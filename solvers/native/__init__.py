@@ -1,0 +1,8 @@
+"""The native backend: problems as C, compiled for this machine."""
+
+from .build import Built as Built
+from .build import CompileError as CompileError
+from .build import build as build
+from .build import load as load
+from .cache import Cache as Cache
+from .compilers import NoCompilerError as NoCompilerError

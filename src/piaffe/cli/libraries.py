@@ -1,0 +1,64 @@
+"""The cache of compiled libraries, as a table or as JSON."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from piaffe.solvers.native.cache import Cache, fault_of
+from piaffe.solvers.native.cpu import this_cpu
+
+_UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (0.0, "s"))
+
+
+def cache_values(cache: Cache) -> dict[str, Any]:
+    """Return what ``cache --json`` prints."""
+    now, cpu = time.time(), this_cpu()
+    entries = [
+        {
+            "key": entry.folder.name, "label": entry.manifest.get("label", ""), "size": entry.size,
+            "age_s": now - entry.manifest.get("built_at", entry.used), "unused_s": now - entry.used,
+            "compile_s": entry.manifest.get("seconds"), "width": entry.manifest.get("width"),
+            "compiler": entry.manifest.get("compiler", ""), "fault": fault_of(entry, cpu),
+        }
+        for entry in cache.entries()
+    ]  # fmt: skip
+    return {"folder": str(cache.folder), "size": cache.size(), "limit": cache.limit, "entries": entries}
+
+
+def print_cache(console: Console, values: dict[str, Any]) -> None:
+    """Print where the cache lies, how full it is, and a line per library."""
+    entries = values["entries"]
+    libraries = "library" if len(entries) == 1 else "libraries"
+    console.print(f"{values['folder']}", markup=False, soft_wrap=True)
+    console.print(f"{len(entries)} {libraries}, {megabytes(values['size'])} of at most {megabytes(values['limit'])}")
+    if not entries:
+        return
+    table = Table(box=None, pad_edge=False)
+    for name in ("library", "for"):
+        table.add_column(name)
+    for name in ("size", "built", "used", "compiled in", "lanes"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for entry in entries:
+        spent = entry["compile_s"]
+        cells = (
+            entry["key"][:12], entry["label"], megabytes(entry["size"]), _ago(entry["age_s"]), _ago(entry["unused_s"]),
+            "?" if spent is None else f"{spent:.1f} s", str(entry["width"] or "?"),
+            f"not used here: {entry['fault']}" if entry["fault"] else "",
+        )  # fmt: skip
+        table.add_row(*(cell.replace("[", r"\[") for cell in cells))
+    console.print(table)
+
+
+def megabytes(size: float) -> str:
+    """Return a size in words."""
+    return f"{size / 2**20:.1f} MiB" if size < 2**30 else f"{size / 2**30:.1f} GiB"
+
+
+def _ago(seconds: float) -> str:
+    length, unit = next((pair for pair in _UNITS if seconds >= 2 * pair[0]), _UNITS[-1])
+    return f"{max(0.0, seconds) / (length or 1.0):.0f} {unit} ago"
