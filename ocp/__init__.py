@@ -8,6 +8,7 @@ from .compiled import CompiledProblem as CompiledProblem
 from .derivative_check import Finding as Finding
 from .derivative_check import check_derivatives as check_derivatives
 from .describe import describe as describe
+from .lowering import LoweredMode as LoweredMode
 from .manifold import Block as Block
 from .manifold import Manifold as Manifold
 from .model import Dynamics as Dynamics
@@ -52,6 +53,7 @@ from .termset import Constraints as Constraints
 from .termset import Objective as Objective
 from .trajectory import PhaseTrajectory as PhaseTrajectory
 from .trajectory import Trajectory as Trajectory
+from .transition import LoweredTransition as LoweredTransition
 from .verification import Miss as Miss
 from .verification import Verification as Verification
 from .verification import verify as verify

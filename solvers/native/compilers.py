@@ -141,7 +141,11 @@ def identify(command: tuple[str, ...]) -> Compiler | None:
     if command[-2:] == ("ziglang", "cc") or (Path(command[0]).name == "zig" and command[1:2] == ("cc",)):
         release = _ask((*command[:-1], "version")) or "?"
         return Compiler(command, "zig", f"zig {release.strip()}, {version}")
-    return Compiler(command, "gcc" if "Free Software Foundation" in said else "clang", version)
+    if "Free Software Foundation" in said:
+        return Compiler(
+            command, "gcc", " ".join(("gcc", *version.split()[1:]))
+        )  # it begins with the name it is called by
+    return Compiler(command, "clang", version)
 
 
 def _ask(command: tuple[str, ...]) -> str:

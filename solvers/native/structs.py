@@ -1,0 +1,113 @@
+"""The C structures of ``template/piaffe.h``, for ctypes."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from dataclasses import dataclass
+from typing import Any
+
+Doubles = ct.POINTER(ct.c_double)
+
+
+class Options(ct.Structure):
+    """Options, in the order of the header."""
+
+    _fields_ = [
+        (name, ct.c_double)
+        for name in (
+            "max_defect max_equality max_inequality cost_tolerance barrier_weight barrier_factor barrier_gap "
+            "min_barrier_weight relaxation max_stiffness penalty penalty_factor max_penalty armijo merit_margin merit_offset "
+            "step_shrink min_step regularization max_regularization time_limit_s"
+        ).split()
+    ] + [(name, ct.c_int) for name in ("max_iterations", "max_inner", "corrections")]
+
+
+class Record(ct.Structure):
+    """One iteration."""
+
+    _fields_ = [
+        (name, ct.c_double)
+        for name in (
+            "iteration cost merit expected max_defect max_equality max_inequality step_size regularization barrier_weight wall_s"
+        ).split()
+    ]
+
+
+class Phase(ct.Structure):
+    """One phase."""
+
+
+ARRAYS_OF_PHASE = (
+    "x u xt ut x_next start d dt_trial D grad H end_grad end_H P dx du k K V_x V_xx Q_x Q_u Q_xx Q_ux Q_uu"
+).split()
+Phase._fields_ = [
+    ("mode", ct.c_void_p),
+    ("N", ct.c_int),
+    ("dt", ct.c_double),
+    *((name, Doubles) for name in ARRAYS_OF_PHASE),
+    ("shooting", ct.POINTER(ct.c_ubyte)),
+    ("next", ct.POINTER(Phase)),
+]
+
+ARRAYS_OF_BLOCK = (
+    "p weight g_mask h_mask z residual g h z0 residual0 g0 h0 relaxation shift multiplier penalty"
+).split()
+
+
+@dataclass(frozen=True)
+class Structs:
+    """Structures whose layout depends on the lane width."""
+
+    Block: Any
+    Group: Any
+    Problem: Any
+
+
+def structs(width: int) -> Structs:
+    """Return the structures for a lane width."""
+
+    class Block(ct.Structure):
+        _fields_ = [
+            ("count", ct.c_int),
+            ("phase", ct.c_int * width),
+            ("index", ct.c_int * width),
+            ("dt", ct.c_double * width),
+            *((name, Doubles) for name in ARRAYS_OF_BLOCK),
+        ]
+
+    class Group(ct.Structure):
+        _fields_ = [
+            ("mode", ct.c_void_p),
+            ("transition", ct.c_void_p),
+            ("num_blocks", ct.c_int),
+            ("num_ends", ct.c_int),
+            ("blocks", ct.POINTER(Block)),
+            ("ends", ct.POINTER(Block)),
+        ]
+
+    class Problem(ct.Structure):
+        _fields_ = [
+            ("num_phases", ct.c_int),
+            ("num_groups", ct.c_int),
+            ("num_links", ct.c_int),
+            ("phases", ct.POINTER(Phase)),
+            ("groups", ct.POINTER(Group)),
+            ("links", ct.POINTER(Group)),
+            ("initial", Doubles),
+            ("options", Options),
+            ("history", ct.POINTER(Record)),
+            ("num_records", ct.c_int),
+            ("cancel", ct.c_int),
+            ("slope", Doubles),
+            ("curvature", Doubles),
+            *(
+                (name, ct.c_double)
+                for name in (
+                    "weight rho least_rho regularization_now cost last_equality last_cost last_violation".split()
+                )
+            ),
+            *((name, ct.c_int) for name in "inner unmoved has_last_cost has_inequalities num_gains".split()),
+            ("gains", ct.c_double * 8),
+        ]
+
+    return Structs(Block, Group, Problem)

@@ -1,0 +1,107 @@
+/* What the solver, the modes and the binding share. Sizes are those of the compiled problem; memory belongs to the caller. */
+#ifndef PIAFFE_H
+#define PIAFFE_H
+#include <stddef.h>
+#include "lanes.h"
+
+#define W PIAFFE_W
+
+/* Nodes that are evaluated together, one per lane. Lanes beyond `count` repeat lane 0 and weigh nothing. Arrays in lane
+ * layout hold row r of lane l at [r * W + l]. */
+typedef struct {
+    int count;
+    int phase[W], index[W];                 /* which stage (or phase end, or transition) is in which lane */
+    double dt[W];                           /* time step; 0 in lanes beyond count */
+    double *p;                              /* parameters */
+    double *weight, *g_mask, *h_mask;       /* per row; 0 in lanes beyond count */
+    double *z, *residual, *g, *h;           /* values at the trial */
+    double *z0, *residual0, *g0, *h0;       /* values at the accepted iterate */
+    double *relaxation, *shift, *multiplier, *penalty;
+} Block;
+
+struct Phase;
+
+/* One mode: sizes, and functions compiled with these sizes as constants. */
+typedef struct {
+    int nx, ndx, nu, nz, np, nr, ng, nh, mr, mg, mh;
+    int num_parts;                          /* parts of the state: */
+    const int *part_size, *part_is_rotation; /* size in the tangent; 1 for a quaternion */
+    void (*values)(const Block *b, const double *const *x, const double *const *u, double *const *x_next);
+    void (*lq)(const Block *b, const double *const *x, const double *const *u, const double *const *xn,
+               const double *slope, const double *curvature, double *const *D, double *const *grad, double *const *H);
+    void (*end_values)(const Block *b, const double *const *x);
+    void (*end_lq)(const Block *b, const double *const *x, const double *slope, const double *curvature,
+                   double *const *grad, double *const *H);
+    int (*backward)(const struct Phase *phase, double regularization);
+    void (*forward)(const struct Phase *phase, const double *defects, int feedforward, double *dV);
+} Mode;
+
+typedef struct {
+    int nx, ndx, nx_next, ndx_next, nz, np;
+    void (*values)(const Block *b, const double *const *x, double *const *x_next);
+    void (*lq)(const Block *b, const double *const *x, const double *const *xn, double *const *P);
+} Transition;
+
+/* One phase of N stages; row-major arrays. */
+typedef struct Phase {
+    const Mode *mode;
+    int N;
+    double dt;
+    double *x, *u;                          /* accepted: (N+1, nx), (N, nu) */
+    double *xt, *ut;                        /* trial */
+    double *x_next;                          /* dynamics of the stages at trial and accepted: (N, nx) */
+    double *start;                          /* what the initial state or the reset makes of node 0: (nx) */
+    double *d, *dt_trial;                   /* defects, accepted and trial: (N+1, ndx) */
+    double *D, *grad, *H;                   /* (N, ndx, nw), (N, nw), (N, nw, nw) upper */
+    double *end_grad, *end_H;               /* (ndx), (ndx, ndx) upper */
+    double *P;                              /* (ndx of the next, ndx) */
+    double *dx, *du;                        /* step */
+    double *k, *K;                          /* (N, nu), (N, nu, ndx) */
+    double *V_x, *V_xx;                     /* (N+1, ndx), (N+1, ndx, ndx) */
+    double *Q_x, *Q_u, *Q_xx, *Q_ux, *Q_uu;
+    const unsigned char *shooting;          /* (N+1) */
+    struct Phase *next;
+} Phase;
+
+typedef struct {
+    double max_defect, max_equality, max_inequality, cost_tolerance, barrier_weight, barrier_factor, barrier_gap,
+        min_barrier_weight, relaxation, max_stiffness, penalty, penalty_factor, max_penalty, armijo, merit_margin,
+        merit_offset, step_shrink, min_step, regularization, max_regularization, time_limit_s;
+    int max_iterations, max_inner, corrections;
+} Options;
+
+typedef struct {
+    double iteration, cost, merit, expected, max_defect, max_equality, max_inequality, step_size, regularization,
+        barrier_weight, wall_s;
+} Record;
+
+/* Groups of blocks: of one mode (stages, ends) or one kind of transition. */
+typedef struct {
+    const Mode *mode;
+    const Transition *transition;
+    int num_blocks, num_ends;
+    Block *blocks, *ends;
+} Group;
+
+enum { CONVERGED, ITERATION_LIMIT, TIME_LIMIT, LINE_SEARCH_FAILED, INFEASIBLE, NOT_FINITE, INTERRUPTED };
+
+typedef struct {
+    int num_phases, num_groups, num_links;
+    Phase *phases;
+    Group *groups;                          /* stages and ends, by mode */
+    Group *links;                           /* transitions, by kind */
+    const double *initial;
+    Options options;
+    Record *history;                        /* (max_iterations) */
+    volatile int num_records;               /* written last: a reader sees whole records */
+    volatile int cancel;                    /* set by another thread to stop */
+    double *slope, *curvature;              /* scratch in lane layout: rows of the largest mode times W */
+    /* state of a solve */
+    double weight, rho, least_rho, regularization_now, cost, last_equality, last_cost, last_violation;
+    int inner, unmoved, has_last_cost, has_inequalities, num_gains;
+    double gains[8];
+} Problem;
+
+int piaffe_solve(Problem *problem, int resumed);
+void piaffe_policy(Problem *problem);
+#endif

@@ -1,0 +1,606 @@
+/* Multi-phase multiple-shooting iLQR: the algorithm of solvers/run.py and solvers/outer.py, without Python and without allocation. */
+#define _POSIX_C_SOURCE 200809L
+#include <math.h>
+#include <string.h>
+#include <time.h>
+
+#include "piaffe.h"
+
+enum { PATIENCE = 8 };
+static const double NEARLY_CLOSED = 0.05;
+
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* ---- manifolds */
+
+static void plus(const Mode *m, const double *x, const double *dx, double size, double *out)
+{
+    for (int part = 0; part < m->num_parts; part++) {
+        int n = m->part_size[part];
+        if (m->part_is_rotation[part]) {
+            double p[3] = {size * dx[0], size * dx[1], size * dx[2]};
+            double angle = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+            double c = cos(angle / 2), s = angle > 1e-8 ? sin(angle / 2) / angle : 0.5;
+            double b[4] = {c, s * p[0], s * p[1], s * p[2]}, q[4];
+            q[0] = x[0] * b[0] - x[1] * b[1] - x[2] * b[2] - x[3] * b[3];
+            q[1] = x[0] * b[1] + b[0] * x[1] + x[2] * b[3] - x[3] * b[2];
+            q[2] = x[0] * b[2] + b[0] * x[2] + x[3] * b[1] - x[1] * b[3];
+            q[3] = x[0] * b[3] + b[0] * x[3] + x[1] * b[2] - x[2] * b[1];
+            double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+            for (int i = 0; i < 4; i++) out[i] = q[i] / norm;
+            x += 4, out += 4, dx += 3;
+        } else {
+            for (int i = 0; i < n; i++) out[i] = x[i] + size * dx[i];
+            x += n, out += n, dx += n;
+        }
+    }
+}
+
+static void minus(const Mode *m, const double *a, const double *b, double *out) /* a (-) b */
+{
+    for (int part = 0; part < m->num_parts; part++) {
+        int n = m->part_size[part];
+        if (m->part_is_rotation[part]) {
+            double q[4];
+            q[0] = b[0] * a[0] + b[1] * a[1] + b[2] * a[2] + b[3] * a[3];
+            q[1] = b[0] * a[1] - b[1] * a[0] - b[2] * a[3] + b[3] * a[2];
+            q[2] = b[0] * a[2] - b[2] * a[0] - b[3] * a[1] + b[1] * a[3];
+            q[3] = b[0] * a[3] - b[3] * a[0] - b[1] * a[2] + b[2] * a[1];
+            double sign = q[0] < 0 ? -1.0 : 1.0;
+            double s = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+            double f = sign * (s > 1e-12 ? 2 * atan2(s, sign * q[0]) / s : 2.0);
+            for (int i = 0; i < 3; i++) out[i] = f * q[i + 1];
+            a += 4, b += 4, out += 3;
+        } else {
+            for (int i = 0; i < n; i++) out[i] = a[i] - b[i];
+            a += n, b += n, out += n;
+        }
+    }
+}
+
+/* ---- the relaxed barrier, solvers/barrier.py */
+
+static double barrier_value(double g, double delta)
+{
+    if (g > delta) return -log(g);
+    double r = (g - 2 * delta) / delta;
+    return 0.5 * (r * r - 1) - log(delta);
+}
+
+static double barrier_slope(double g, double delta) { return g > delta ? -1 / g : (g - 2 * delta) / (delta * delta); }
+
+static double barrier_curvature(double g, double delta)
+{
+    double s = g > delta ? g : delta;
+    return 1 / (s * s);
+}
+
+/* ---- evaluation of a trial */
+
+typedef struct {
+    double cost, penalty, gap, max_defect, max_h, max_g;
+} Sums;
+
+static void block_sums(const Block *b, int nr, int ng, int nh, double weight, int is_end, Sums *s)
+{
+    double scale[W];
+    for (int l = 0; l < W; l++) scale[l] = is_end ? 1.0 : b->dt[l];
+    for (int r = 0; r < nr; r++)
+        for (int l = 0; l < W; l++) {
+            int i = r * W + l;
+            s->cost += 0.5 * scale[l] * b->weight[i] * b->residual[i] * b->residual[i];
+        }
+    for (int r = 0; r < ng; r++)
+        for (int l = 0; l < W; l++) {
+            int i = r * W + l;
+            if (b->g_mask[i] == 0.0) continue;
+            s->penalty += b->dt[l] * weight * b->g_mask[i] * barrier_value(b->g[i] - b->shift[i], b->relaxation[i]);
+            s->max_g = fmax(s->max_g, -b->g[i] * b->g_mask[i]);
+        }
+    for (int r = 0; r < nh; r++)
+        for (int l = 0; l < W; l++) {
+            int i = r * W + l;
+            if (b->h_mask[i] == 0.0) continue;
+            double h = b->h[i];
+            s->penalty += scale[l] * b->h_mask[i] * (0.5 * b->penalty[i] * h * h + b->multiplier[i] * h);
+            s->max_h = fmax(s->max_h, fabs(h * b->h_mask[i]));
+        }
+}
+
+static const double *node(const Phase *ph, int k, int trial) { return (trial ? ph->xt : ph->x) + (size_t)k * ph->mode->nx; }
+
+static void each_stage(Problem *pr, const Block *b, int trial, const double **x, const double **u, double **x_next)
+{
+    for (int l = 0; l < W; l++) {
+        int at = l < b->count ? l : 0;
+        Phase *ph = &pr->phases[b->phase[at]];
+        x[l] = node(ph, b->index[at], trial);
+        u[l] = (trial ? ph->ut : ph->u) + (size_t)b->index[at] * ph->mode->nu;
+        x_next[l] = ph->x_next + (size_t)b->index[at] * ph->mode->nx;
+    }
+}
+
+/* Evaluate the trial everywhere; all nodes at once. */
+static void evaluate(Problem *pr)
+{
+    const double *x[W], *u[W];
+    double *next[W];
+    for (int g = 0; g < pr->num_groups; g++) {
+        Group *gr = &pr->groups[g];
+        for (int i = 0; i < gr->num_blocks; i++) {
+            each_stage(pr, &gr->blocks[i], 1, x, u, next);
+            gr->mode->values(&gr->blocks[i], x, u, next);
+        }
+        for (int i = 0; i < gr->num_ends; i++) {
+            Block *b = &gr->ends[i];
+            for (int l = 0; l < W; l++) {
+                Phase *ph = &pr->phases[b->phase[l < b->count ? l : 0]];
+                x[l] = node(ph, ph->N, 1);
+            }
+            gr->mode->end_values(b, x);
+        }
+    }
+    for (int g = 0; g < pr->num_links; g++) {
+        Group *gr = &pr->links[g];
+        for (int i = 0; i < gr->num_blocks; i++) {
+            Block *b = &gr->blocks[i];
+            for (int l = 0; l < W; l++) {
+                Phase *ph = &pr->phases[b->phase[l < b->count ? l : 0]];
+                x[l] = node(ph, ph->N, 1);
+                next[l] = ph->next->start;
+            }
+            gr->transition->values(b, x, next);
+        }
+    }
+}
+
+static void trial_defects(Problem *pr, Sums *s)
+{
+    for (int i = 0; i < pr->num_phases; i++) {
+        Phase *ph = &pr->phases[i];
+        const Mode *m = ph->mode;
+        for (int k = 0; k <= ph->N; k++) {
+            double *d = ph->dt_trial + (size_t)k * m->ndx;
+            const double *from = k ? ph->x_next + (size_t)(k - 1) * m->nx : (i ? ph->start : pr->initial);
+            minus(m, from, node(ph, k, 1), d);
+            for (int j = 0; j < m->ndx; j++) {
+                s->gap += fabs(d[j]);
+                s->max_defect = d[j] == d[j] ? fmax(s->max_defect, fabs(d[j])) : NAN;
+            }
+        }
+    }
+}
+
+static Sums sums_of_trial(Problem *pr)
+{
+    Sums s = {0};
+    for (int g = 0; g < pr->num_groups; g++) {
+        Group *gr = &pr->groups[g];
+        const Mode *m = gr->mode;
+        for (int i = 0; i < gr->num_blocks; i++) block_sums(&gr->blocks[i], m->nr, m->ng, m->nh, pr->weight, 0, &s);
+        for (int i = 0; i < gr->num_ends; i++) block_sums(&gr->ends[i], m->mr, m->mg, m->mh, pr->weight, 1, &s);
+    }
+    trial_defects(pr, &s);
+    return s;
+}
+
+/* Make the trial the accepted iterate. */
+static void swap(double **a, double **b) { double *t = *a; *a = *b; *b = t; }
+
+static void accept(Problem *pr)
+{
+    for (int i = 0; i < pr->num_phases; i++) {
+        Phase *ph = &pr->phases[i];
+        swap(&ph->x, &ph->xt);
+        swap(&ph->u, &ph->ut);
+        swap(&ph->d, &ph->dt_trial);
+    }
+    for (int kind = 0; kind < 2; kind++)
+        for (int g = 0; g < (kind ? pr->num_links : pr->num_groups); g++) {
+            Group *gr = kind ? &pr->links[g] : &pr->groups[g];
+            for (int e = 0; e < 2; e++)
+                for (int i = 0; i < (e ? gr->num_ends : gr->num_blocks); i++) {
+                    Block *b = e ? &gr->ends[i] : &gr->blocks[i];
+                    swap(&b->z, &b->z0);
+                    swap(&b->residual, &b->residual0);
+                    swap(&b->g, &b->g0);
+                    swap(&b->h, &b->h0);
+                }
+        }
+}
+
+/* ---- the linear-quadratic model at the accepted iterate */
+
+static void rows(const Problem *pr, const Block *b, int nr, int ng, int nh, int is_end)
+{
+    double *s = pr->slope, *c = pr->curvature;
+    for (int r = 0; r < nr * W; r++) {
+        double scale = is_end ? 1.0 : b->dt[r % W];
+        c[r] = scale * b->weight[r];
+        s[r] = c[r] * b->residual0[r];
+    }
+    s += nr * W, c += nr * W;
+    for (int r = 0; r < ng * W; r++) {
+        double scale = b->dt[r % W] * pr->weight * b->g_mask[r], g = b->g0[r] - b->shift[r];
+        s[r] = scale == 0.0 ? 0.0 : scale * barrier_slope(g, b->relaxation[r]);
+        c[r] = scale == 0.0 ? 0.0 : scale * barrier_curvature(g, b->relaxation[r]);
+    }
+    s += ng * W, c += ng * W;
+    for (int r = 0; r < nh * W; r++) {
+        double scale = (is_end ? 1.0 : b->dt[r % W]) * b->h_mask[r];
+        s[r] = scale * (b->penalty[r] * b->h0[r] + b->multiplier[r]);
+        c[r] = scale * b->penalty[r];
+    }
+}
+
+static void linearise(Problem *pr)
+{
+    const double *x[W], *u[W], *xn[W];
+    double *a[W], *b_[W], *c[W], *unused[W];
+    for (int g = 0; g < pr->num_groups; g++) {
+        Group *gr = &pr->groups[g];
+        const Mode *m = gr->mode;
+        int nw = m->ndx + m->nu;
+        for (int i = 0; i < gr->num_blocks; i++) {
+            Block *b = &gr->blocks[i];
+            each_stage(pr, b, 0, x, u, unused);
+            for (int l = 0; l < W; l++) {
+                int at = l < b->count ? l : 0, n = b->index[at];
+                Phase *ph = &pr->phases[b->phase[at]];
+                xn[l] = node(ph, n + 1, 0);
+                a[l] = ph->D + (size_t)n * m->ndx * nw;
+                b_[l] = ph->grad + (size_t)n * nw;
+                c[l] = ph->H + (size_t)n * nw * nw;
+            }
+            rows(pr, b, m->nr, m->ng, m->nh, 0);
+            m->lq(b, x, u, xn, pr->slope, pr->curvature, a, b_, c);
+        }
+        for (int i = 0; i < gr->num_ends; i++) {
+            Block *b = &gr->ends[i];
+            for (int l = 0; l < W; l++) {
+                Phase *ph = &pr->phases[b->phase[l < b->count ? l : 0]];
+                x[l] = node(ph, ph->N, 0);
+                a[l] = ph->end_grad;
+                c[l] = ph->end_H;
+            }
+            rows(pr, b, m->mr, m->mg, m->mh, 1);
+            m->end_lq(b, x, pr->slope, pr->curvature, a, c);
+        }
+    }
+    for (int g = 0; g < pr->num_links; g++) {
+        Group *gr = &pr->links[g];
+        for (int i = 0; i < gr->num_blocks; i++) {
+            Block *b = &gr->blocks[i];
+            for (int l = 0; l < W; l++) {
+                Phase *ph = &pr->phases[b->phase[l < b->count ? l : 0]];
+                x[l] = node(ph, ph->N, 0);
+                xn[l] = node(ph->next, 0, 0);
+                a[l] = ph->P;
+            }
+            gr->transition->lq(b, x, xn, a);
+        }
+    }
+}
+
+/* ---- Riccati sweep and linear roll-out over the phases, solvers/riccati.py */
+
+static int backward(Problem *pr, double regularization)
+{
+    for (int i = pr->num_phases - 1; i >= 0; i--) {
+        Phase *ph = &pr->phases[i];
+        int n = ph->mode->ndx;
+        double *v = ph->V_x + (size_t)ph->N * n, *V = ph->V_xx + (size_t)ph->N * n * n;
+        for (int r = 0; r < n; r++) {
+            v[r] = ph->end_grad[r];
+            for (int c = 0; c < n; c++) V[r * n + c] = r <= c ? ph->end_H[r * n + c] : ph->end_H[c * n + r];
+        }
+        if (ph->next) {
+            const Phase *nx = ph->next;
+            int k = nx->mode->ndx;
+            const double *Vn = nx->V_xx, *P = ph->P;
+            for (int r = 0; r < k; r++) {
+                double s = nx->V_x[r];
+                for (int c = 0; c < k; c++) s += Vn[r * k + c] * nx->d[c];
+                for (int j = 0; j < n; j++) v[j] += P[r * n + j] * s;
+            }
+            for (int r = 0; r < k; r++) { /* row of V P, then P^T times it */
+                double row[n];
+                for (int j = 0; j < n; j++) row[j] = 0.0;
+                for (int c = 0; c < k; c++) {
+                    double w = Vn[r * k + c];
+                    for (int j = 0; j < n; j++) row[j] += w * P[c * n + j];
+                }
+                for (int q = 0; q < n; q++) {
+                    double w = P[r * n + q];
+                    if (w != 0.0)
+                        for (int j = 0; j < n; j++) V[q * n + j] += w * row[j];
+                }
+            }
+        }
+        if (!ph->mode->backward(ph, regularization)) return 0;
+        for (int j = 0; j < n; j++)
+            if (!isfinite(ph->V_x[j])) return 0;
+    }
+    return 1;
+}
+
+static void forward(Problem *pr, int correction, double dV[2])
+{
+    if (dV) dV[0] = dV[1] = 0.0;
+    for (int i = 0; i < pr->num_phases; i++) {
+        Phase *ph = &pr->phases[i];
+        const Mode *m = ph->mode;
+        const double *d = correction ? ph->dt_trial : ph->d;
+        if (i == 0) memcpy(ph->dx, d, sizeof(double) * (size_t)m->ndx);
+        m->forward(ph, d, !correction, dV);
+        const double *last = ph->dx + (size_t)ph->N * m->ndx;
+        if (dV)
+            for (int r = 0; r < m->ndx; r++) {
+                double s = 0.5 * ph->end_H[r * m->ndx + r] * last[r];
+                for (int c = r + 1; c < m->ndx; c++) s += ph->end_H[r * m->ndx + c] * last[c];
+                dV[0] += ph->end_grad[r] * last[r];
+                dV[1] += 2.0 * s * last[r];
+            }
+        if (ph->next) {
+            Phase *nx = ph->next;
+            const double *dn = correction ? nx->dt_trial : nx->d;
+            for (int r = 0; r < nx->mode->ndx; r++) {
+                double s = dn[r];
+                for (int c = 0; c < m->ndx; c++) s += ph->P[r * m->ndx + c] * last[c];
+                nx->dx[r] = s;
+            }
+        }
+    }
+}
+
+/* ---- line search, solvers/run.py */
+
+/* The iterate a step away, from the accepted one or (a correction) from the trial itself. */
+static void move(Problem *pr, int from_trial, double size)
+{
+    for (int i = 0; i < pr->num_phases; i++) {
+        Phase *ph = &pr->phases[i];
+        const Mode *m = ph->mode;
+        const double *x = from_trial ? ph->xt : ph->x, *u = from_trial ? ph->ut : ph->u;
+        for (int k = 0; k <= ph->N; k++)
+            plus(m, x + (size_t)k * m->nx, ph->dx + (size_t)k * m->ndx, size, ph->xt + (size_t)k * m->nx);
+        for (int k = 0; k < ph->N * m->nu; k++) ph->ut[k] = u[k] + size * ph->du[k];
+    }
+}
+
+static double augmented_of_accepted(Problem *pr)
+{
+    Sums s = {0};
+    for (int g = 0; g < pr->num_groups; g++) {
+        Group *gr = &pr->groups[g];
+        const Mode *m = gr->mode;
+        for (int e = 0; e < 2; e++)
+            for (int i = 0; i < (e ? gr->num_ends : gr->num_blocks); i++) {
+                Block b = e ? gr->ends[i] : gr->blocks[i];
+                b.residual = b.residual0, b.g = b.g0, b.h = b.h0;
+                if (e) block_sums(&b, m->mr, m->mg, m->mh, pr->weight, 1, &s);
+                else block_sums(&b, m->nr, m->ng, m->nh, pr->weight, 0, &s);
+            }
+    }
+    return s.cost + s.penalty;
+}
+
+static double search(Problem *pr, const double dV[2], Sums *at)
+{
+    const Options *o = &pr->options;
+    double gap = at->gap, change = dV[0] + 0.5 * fmax(dV[1], 0.0);
+    double needed = gap > 1e-12 ? fmax(change, 0.0) / ((1 - o->merit_margin) * gap) : 0.0;
+    if (pr->inner > 4 * o->max_inner && pr->inner % o->max_inner == 0) pr->least_rho *= 2;
+    pr->rho = fmax(fmax(needed, 0.98 * pr->rho), pr->least_rho);
+    double before = augmented_of_accepted(pr) + pr->rho * gap;
+    double last = pr->num_records ? pr->history[pr->num_records - 1].step_size : 1.0;
+    double size = last > 0 ? fmin(1.0, last / (o->step_shrink * o->step_shrink * o->step_shrink)) : 1.0;
+    while (size >= o->min_step) {
+        double expected = size * dV[0] + 0.5 * size * size * dV[1] - size * pr->rho * gap;
+        double bound = before + o->armijo * expected + 1e-12 * fabs(before);
+        int corrected = 0;
+        move(pr, 0, size);
+        for (int correction = 0; correction <= o->corrections; correction++) {
+            evaluate(pr);
+            Sums s = sums_of_trial(pr);
+            double merit = s.cost + s.penalty + pr->rho * s.gap;
+            if (isfinite(merit) && merit <= bound) {
+                accept(pr);
+                *at = s;
+                pr->gains[pr->num_gains++ % PATIENCE] = before - merit;
+                return size;
+            }
+            if (!isfinite(merit) || s.gap <= (1 - 0.9 * size) * gap || correction == o->corrections) break;
+            forward(pr, 1, NULL); /* overwrites the step, which is rolled out again below */
+            corrected = 1;
+            move(pr, 1, 1.0);
+        }
+        if (corrected) forward(pr, 0, (double[2]){0, 0});
+        size *= o->step_shrink;
+    }
+    return 0.0;
+}
+
+/* ---- outer loop, solvers/outer.py; elementwise over lanes */
+
+static double allowed(const Problem *pr) { return pr->options.barrier_gap * (1 + fabs(pr->cost)); }
+
+static int gap_is_closed(const Problem *pr)
+{
+    return !pr->has_inequalities || (pr->has_last_cost && fabs(pr->cost - pr->last_cost) <= allowed(pr));
+}
+
+static double near_gap(const Problem *pr)
+{
+    double total = 0.0;
+    for (int g = 0; g < pr->num_groups; g++)
+        for (int i = 0; i < pr->groups[g].num_blocks; i++) {
+            const Block *b = &pr->groups[g].blocks[i];
+            for (int r = 0; r < pr->groups[g].mode->ng * W; r++)
+                if (b->g_mask[r] > 0 && b->g0[r] < 10 * pr->options.relaxation) total += b->dt[r % W];
+        }
+    return pr->weight * total;
+}
+
+static void update_rows(Problem *pr, Block *b, int ng, int nh, double factor)
+{
+    const Options *o = &pr->options;
+    double slack = 0.25 * o->max_inequality, floor_ = sqrt(pr->weight / o->max_stiffness);
+    for (int r = 0; r < ng * W; r++) {
+        if (!(b->g_mask[r] > 0)) continue;
+        double g = b->g0[r], delta = b->relaxation[r];
+        if (delta <= 1.01 * floor_ && (g < -slack || b->shift[r] > 0)) b->shift[r] = fmax(b->shift[r] - g, 0.0);
+        if (g < -slack) {
+            double needed = 2 * delta * delta / fmax(2 * delta - g, delta);
+            needed = fmin(fmax(needed, delta / 3), 0.7 * delta);
+            b->relaxation[r] = fmin(fmax(needed, fmin(floor_, delta)), delta);
+        }
+    }
+    for (int r = 0; r < nh * W; r++) {
+        b->multiplier[r] += b->penalty[r] * b->h0[r];
+        b->penalty[r] = fmin(b->penalty[r] * factor, o->max_penalty);
+    }
+}
+
+static int is_soft(const Problem *pr, const Block *b, int ng, int nh, double floor_)
+{
+    const Options *o = &pr->options;
+    for (int r = 0; r < ng * W; r++)
+        if (b->g0[r] < -o->max_inequality && b->g_mask[r] > 0 && b->relaxation[r] > floor_) return 1;
+    for (int r = 0; r < nh * W; r++)
+        if (fabs(b->h0[r]) > o->max_equality && b->h_mask[r] > 0 && b->penalty[r] < o->max_penalty) return 1;
+    return 0;
+}
+
+static void update(Problem *pr, const Sums *at, int stationary)
+{
+    const Options *o = &pr->options;
+    if (stationary && at->max_g <= 10 * o->max_inequality && !gap_is_closed(pr)) {
+        pr->last_cost = pr->cost;
+        pr->has_last_cost = 1;
+        pr->weight = fmax(pr->weight * o->barrier_factor, o->min_barrier_weight);
+    } else if (!stationary && near_gap(pr) > allowed(pr)) {
+        pr->has_last_cost = 0;
+        pr->weight = fmax(pr->weight * o->barrier_factor, o->min_barrier_weight);
+    }
+    int slow = at->max_h > 0.25 * pr->last_equality && at->max_h > o->max_equality;
+    pr->last_equality = at->max_h;
+    int soft = 0;
+    for (int g = 0; g < pr->num_groups; g++) {
+        Group *gr = &pr->groups[g];
+        for (int i = 0; i < gr->num_blocks; i++)
+            update_rows(pr, &gr->blocks[i], gr->mode->ng, gr->mode->nh, slow ? o->penalty_factor : 1.0);
+        for (int i = 0; i < gr->num_ends; i++)
+            update_rows(pr, &gr->ends[i], gr->mode->mg, gr->mode->mh, slow ? o->penalty_factor : 1.0);
+    }
+    if (!stationary) return;
+    double floor_ = 1.01 * sqrt(pr->weight / o->max_stiffness);
+    for (int g = 0; g < pr->num_groups; g++) {
+        Group *gr = &pr->groups[g];
+        for (int i = 0; i < gr->num_blocks; i++) soft |= is_soft(pr, &gr->blocks[i], gr->mode->ng, gr->mode->nh, floor_);
+        for (int i = 0; i < gr->num_ends; i++) soft |= is_soft(pr, &gr->ends[i], gr->mode->mg, gr->mode->mh, floor_);
+    }
+    double violation = fmax(at->max_h / o->max_equality, at->max_g / o->max_inequality);
+    int stays = violation > 1 && violation > 0.9 * pr->last_violation && !soft;
+    pr->unmoved = stays ? pr->unmoved + 1 : 0;
+    pr->last_violation = violation;
+}
+
+/* ---- the loop */
+
+static int direction(Problem *pr, double dV[2])
+{
+    const Options *o = &pr->options;
+    while (pr->regularization_now <= o->max_regularization) {
+        if (backward(pr, pr->regularization_now)) {
+            forward(pr, 0, dV);
+            return 1;
+        }
+        pr->regularization_now = fmax(4 * pr->regularization_now, o->regularization);
+    }
+    return 0;
+}
+
+static int gained_nothing(const Problem *pr, double tolerance)
+{
+    if (pr->num_gains < PATIENCE) return 0;
+    for (int i = 0; i < PATIENCE; i++)
+        if (!(pr->gains[i] < tolerance)) return 0;
+    return 1;
+}
+
+int piaffe_solve(Problem *pr, int resumed)
+{
+    const Options *o = &pr->options;
+    double began = now(), dV[2];
+    if (!resumed) pr->weight = o->barrier_weight, pr->has_last_cost = 0;
+    pr->rho = pr->least_rho = o->merit_offset;
+    pr->regularization_now = 0.0;
+    pr->inner = pr->unmoved = pr->num_gains = pr->num_records = 0;
+    pr->last_equality = pr->last_violation = INFINITY;
+    pr->has_inequalities = 0;
+    for (int g = 0; g < pr->num_groups; g++) {
+        Group *gr = &pr->groups[g];
+        for (int e = 0; e < 2; e++)
+            for (int i = 0; i < (e ? gr->num_ends : gr->num_blocks); i++) {
+                const Block *b = e ? &gr->ends[i] : &gr->blocks[i];
+                for (int r = 0; r < (e ? gr->mode->mg : gr->mode->ng) * W; r++) pr->has_inequalities |= b->g_mask[r] > 0;
+            }
+    }
+    evaluate(pr); /* the binding leaves the start in the trial arrays */
+    Sums at = sums_of_trial(pr);
+    if (!isfinite(at.cost + at.penalty + at.gap)) return NOT_FINITE;
+    accept(pr);
+    linearise(pr);
+    for (;;) {
+        if (pr->cancel) return INTERRUPTED;
+        pr->cost = at.cost;
+        if (!direction(pr, dV)) return LINE_SEARCH_FAILED;
+        double tolerance = o->cost_tolerance * (1 + fabs(at.cost));
+        int stationary = (fabs(dV[0] + 0.5 * dV[1]) < tolerance || gained_nothing(pr, tolerance)) && at.max_defect < o->max_defect;
+        int met = at.max_h <= o->max_equality && at.max_g <= o->max_inequality;
+        if (stationary && met && gap_is_closed(pr)) return CONVERGED;
+        int due = pr->inner >= o->max_inner && at.max_defect < NEARLY_CLOSED && (!met || near_gap(pr) > allowed(pr));
+        if (stationary || due) {
+            update(pr, &at, stationary);
+            pr->inner = pr->num_gains = 0;
+            linearise(pr);
+            if (pr->unmoved > 5) return INFEASIBLE;
+            if (!direction(pr, dV)) return LINE_SEARCH_FAILED;
+        }
+        if (pr->num_records >= o->max_iterations) return ITERATION_LIMIT;
+        if (o->time_limit_s > 0 && now() - began > o->time_limit_s) return TIME_LIMIT;
+        double size = search(pr, dV, &at);
+        pr->inner++;
+        if (size == 0.0) {
+            for (int i = 0; i < 2; i++) pr->regularization_now = fmax(4 * pr->regularization_now, o->regularization);
+        } else if (size > 0.4) {
+            pr->regularization_now = pr->regularization_now > o->regularization ? pr->regularization_now / 4 : 0.0;
+        } else if (size < 0.1) {
+            pr->regularization_now = fmax(4 * pr->regularization_now, o->regularization);
+        }
+        pr->cost = at.cost;
+        pr->history[pr->num_records] = (Record){
+            pr->num_records + 1, at.cost, augmented_of_accepted(pr) + pr->rho * at.gap, -(dV[0] + 0.5 * dV[1]),
+            at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, now() - began,
+        };
+        __sync_synchronize();
+        pr->num_records++;
+        if (pr->regularization_now > o->max_regularization) return LINE_SEARCH_FAILED;
+        if (size > 0.0) linearise(pr);
+    }
+}
+
+/* The policy and expansions at the accepted iterate, with the least regularisation that succeeds. */
+void piaffe_policy(Problem *pr)
+{
+    double regularization = 0.0;
+    linearise(pr);
+    while (!backward(pr, regularization) && regularization <= pr->options.max_regularization)
+        regularization = fmax(10 * regularization, pr->options.regularization);
+}
