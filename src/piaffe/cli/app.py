@@ -293,9 +293,8 @@ def cache(
     kept = Cache()
     if clear:
         removed, freed = kept.clear()
-        print(
-            as_json({"removed": removed, "freed": freed}) if json else f"removed {removed} libraries, {megabytes(freed)}"
-        )
+        text = f"libraries removed: {removed}, freed: {megabytes(freed)}"
+        print(as_json({"removed": removed, "freed": freed}) if json else text)
     elif json:
         print(as_json(cache_values(kept)))
     else:
