@@ -296,6 +296,7 @@ class _Runner:
             said, _ = process.communicate()
         except BaseException:  # interrupted while linking, which this thread does itself
             _kill(process)
+            process.wait()
             raise
         finally:
             with self._lock:
