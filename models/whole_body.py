@@ -112,6 +112,10 @@ class WholeBody(NumericWholeBody):
         """Return nv + 3 nf: velocity after an impact, and its impulses."""
         return self.nv + 3 * self.num_feet
 
+    def definite_size(self, key: str) -> int:
+        """Return nv: the mass matrix."""
+        return self.nv
+
     # ---- expressions
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:

@@ -155,6 +155,14 @@ class ModelBase(ABC):
         """Return nz of a mode."""
         return 0
 
+    def definite_size(self, key: str) -> int:
+        """Return how many leading unknowns of z form a positive definite block of K, in a mode and in its reset.
+
+        A compiled solver eliminates these first, in any order; the others in the order in which they stand. Without
+        pivoting, so that K must be regular in that order.
+        """
+        return 0
+
     def resolve(self, mode: Hashable) -> Hashable:
         """Return a phase's mode in the model's own terms, comparable between phases; raise if it makes no sense."""
         self.mode_key(mode)

@@ -32,6 +32,7 @@ class LoweredTransition:
     """A transition's functions and parameter layout."""
 
     source: ModelBase
+    key: str
     target: ModelBase
     layout: Layout
     parameters: tuple[Parameter, ...]
@@ -106,6 +107,7 @@ def lower_transition(
 
     return LoweredTransition(
         source=source,
+        key=key,
         target=target,
         layout=Layout((name, symbol.numel()) for name, symbol in low.slots.items()),
         parameters=tuple(low.parameters.values()),

@@ -107,8 +107,65 @@ def _contracted(J: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
     return slope, curvature, cs.densify(cs.mtimes(J.T, slope)), hessian
 
 
-def _table(name: str, sparsity: cs.Sparsity) -> list[str]:
-    rows, cols = sparsity.row(), sparsity.get_col()
+def _elimination(K: cs.Sparsity, first: int) -> tuple[list[int], list[list[int]], list[list[int]]]:
+    """Return an order of elimination, and per permuted row the entries of L and U with the fill it leaves.
+
+    The ``first`` unknowns, a definite block, go in the order of least degree on the pattern of K + Kᵀ; the others follow as
+    they come.
+    """
+    n = K.size1()
+    links: dict[int, set[int]] = {i: set() for i in range(n)}
+    for r, c in zip(K.row(), K.get_col(), strict=True):
+        if r != c:
+            links[r].add(c)
+            links[c].add(r)
+    pattern = {i: set(neighbours) for i, neighbours in links.items()}
+    order: list[int] = []
+    rest = set(range(n))
+    while rest:
+        candidates = [i for i in rest if i < first] or [min(rest)]
+        pick = min(candidates, key=lambda i: (len(links[i]), i))
+        rest.remove(pick)
+        for i in links[pick]:
+            links[i] |= links[pick] - {i}
+            links[i].discard(pick)
+            pattern[i] |= links[pick] - {i}
+        order.append(pick)
+    at = {unknown: place for place, unknown in enumerate(order)}
+    rows = [sorted(at[j] for j in pattern[i]) for i in order]
+    return order, [[k for k in row if k < i] for i, row in enumerate(rows)], [[k for k in row if k > i] for i, row in enumerate(rows)]
+
+
+def _elimination_tables(K: cs.Sparsity, first: int) -> list[str]:
+    if K.size1() == 0:
+        return []
+    order, lower, upper = _elimination(K, first)
+    lines = [f"static const int order[] = {{{', '.join(map(str, order))}}};"]
+    for name, lists in (("lower", lower), ("upper", upper)):
+        ends = [0]
+        for entries in lists:
+            ends.append(ends[-1] + len(entries))
+        flat = [k for entries in lists for k in entries]
+        lines.append(f"static const int {name}[] = {{{', '.join(map(str, ends))}}};")
+        lines.append(f"static const int {name}_at[] = {{{', '.join(map(str, flat)) or '0'}}};")
+    return lines
+
+
+def _place(K: cs.Sparsity, first: int) -> list[int]:
+    """Return where each unknown went."""
+    order = _elimination(K, first)[0] if K.size1() else []
+    place = [0] * len(order)
+    for at, unknown in enumerate(order):
+        place[unknown] = at
+    return place
+
+
+def _table(
+    name: str, sparsity: cs.Sparsity, place_rows: list[int] | None = None, place_cols: list[int] | None = None
+) -> list[str]:
+    rows, cols = list(sparsity.row()), list(sparsity.get_col())
+    rows = [place_rows[r] for r in rows] if place_rows is not None else rows
+    cols = [place_cols[c] for c in cols] if place_cols is not None else cols
     return [
         f"#define NNZ_{name} {len(rows)}",
         f"static const int {name}_row[] = {{{', '.join(map(str, rows)) or '0'}}};",
@@ -129,10 +186,14 @@ def _mode_source(number: int, mode: LoweredMode, own: Mapping[str, cs.Function])
         MG=rows["terminal_g"], MH=rows["terminal_h"], NUM_PARTS=len(state.blocks),
     )  # fmt: skip
     lines.append('#include "functions.h"')
-    lines += _table("K", own["implicit"].sparsity_out(0))
-    for i, name in enumerate(("r_w", "d_w", "d_z")):
-        lines += _table(name, own["lq"].sparsity_out(i))
-    lines += _table("H", own["lq"].sparsity_out(4)) + _table("H_end", own["terminal_lq"].sparsity_out(1))
+    K, lq = own["implicit"].sparsity_out(0), own["lq"]
+    first = mode.model.definite_size(mode.key)
+    place = _place(K, first)
+    in_v = [*range(state.ndx + mode.nu), *(state.ndx + mode.nu + k for k in place)]
+    lines += _elimination_tables(K, first) + _table("K", K, place, place)
+    lines += _table("r_w", lq.sparsity_out(0), place) + _table("d_w", lq.sparsity_out(1))
+    lines += _table("d_z", lq.sparsity_out(2), None, place) + _table("H", lq.sparsity_out(4), in_v, in_v)
+    lines += _table("H_end", own["terminal_lq"].sparsity_out(1))
     lines.append(f"static const int part_size[] = {{{', '.join(str(b.ndx) for b in state.blocks)}}};")
     rotations = (str(int(b.quantity.kind == "rotation")) for b in state.blocks)
     lines.append(f"static const int part_is_rotation[] = {{{', '.join(rotations)}}};")
@@ -145,7 +206,9 @@ def _link_source(number: int, link: LoweredTransition, own: Mapping[str, cs.Func
         ID=number, NX=source.nx, NDX=source.ndx, NXN=target.nx, NDXN=target.ndx, NZ=link.nz, NP=link.layout.size
     )
     lines.append('#include "functions.h"')
-    lines += _table("K", own["implicit"].sparsity_out(0))
-    for i, name in enumerate(("r_x", "d_x", "d_z")):
-        lines += _table(name, own["reset_d"].sparsity_out(i))
+    K, reset_d = own["implicit"].sparsity_out(0), own["reset_d"]
+    first = link.source.definite_size(link.key) if link.nz else 0
+    place = _place(K, first)
+    lines += _elimination_tables(K, first) + _table("K", K, place, place) + _table("r_x", reset_d.sparsity_out(0), place)
+    lines += _table("d_x", reset_d.sparsity_out(1)) + _table("d_z", reset_d.sparsity_out(2), None, place)
     return "\n".join([*lines, '#include "link.inc"', ""])

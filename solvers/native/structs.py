@@ -45,7 +45,7 @@ Phase._fields_ = [
     ("N", ct.c_int),
     ("dt", ct.c_double),
     *((name, Doubles) for name in ARRAYS_OF_PHASE),
-    ("shooting", ct.POINTER(ct.c_ubyte)),
+    ("keep", ct.c_int),
     ("next", ct.POINTER(Phase)),
 ]
 

@@ -601,6 +601,32 @@ void piaffe_policy(Problem *pr)
 {
     double regularization = 0.0;
     linearise(pr);
+    for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 1;
     while (!backward(pr, regularization) && regularization <= pr->options.max_regularization)
         regularization = fmax(10 * regularization, pr->options.regularization);
+}
+
+/* Least seconds of each part of an iteration at the accepted iterate, for benchmarks: evaluation and sums of a trial, linear-quadratic
+ * model, backward sweep, linear roll-out. The trial is left as it was accepted. */
+void piaffe_profile(Problem *pr, int repetitions, double seconds[5])
+{
+    for (int i = 0; i < 5; i++) seconds[i] = INFINITY;
+    forward(pr, 0, (double[2]){0, 0});
+    for (int r = 0; r < repetitions; r++) {
+        double t[6];
+        t[0] = now();
+        move(pr, 0, 0.0);
+        evaluate(pr);
+        t[1] = now();
+        Sums s = sums_of_trial(pr);
+        pr->cost = s.cost;
+        t[2] = now();
+        linearise(pr);
+        t[3] = now();
+        backward(pr, pr->regularization_now);
+        t[4] = now();
+        forward(pr, 0, (double[2]){0, 0});
+        t[5] = now();
+        for (int i = 0; i < 5; i++) seconds[i] = fmin(seconds[i], t[i + 1] - t[i]);
+    }
 }
