@@ -90,7 +90,15 @@ class _Recipe:
     def key(self, compiler: Compiler, cpu: Cpu) -> str:
         """Return the digest under which the library is kept."""
         digest = hashlib.sha256()
-        parts = [VERSION, self.version, str(self.width), compiler.identity, cpu.fingerprint, *self.link]
+        parts = [
+            VERSION,
+            self.version,
+            str(self.width),
+            compiler.identity,
+            *compiler.flags,
+            cpu.fingerprint,
+            *self.link,
+        ]
         for name, text in self.units:
             parts += ["unit", name, text, *self.flags[name]]
         for name in sorted(self.headers):

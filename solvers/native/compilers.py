@@ -68,7 +68,7 @@ class Compiler:
     @property
     def flags(self) -> tuple[str, ...]:
         """What this kind needs, compiling and linking."""
-        return ("-fno-sanitize=undefined",) if self.kind == "zig" else ()  # zig alone turns it on by itself
+        return ("-fno-sanitize=undefined", "-g0") if self.kind == "zig" else ()  # zig alone does both unasked
 
     def __str__(self) -> str:
         return self.version
