@@ -1,4 +1,4 @@
-"""MSiLQR: multi-phase multiple-shooting iLQR with augmented Lagrangian and relaxed barrier, the readable reference."""
+"""MSiLQR: multi-phase multiple-shooting iLQR with augmented Lagrangian and relaxed barrier, in NumPy or in C."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem, Problem, compile_problem, require_derivatives
 
 from .iterate import Evaluator, Iterate
+from .native import Backend, drive, native_machine
 from .options import Options
 from .record import Record
 from .result import assemble
@@ -29,13 +30,31 @@ class MSiLQR:
     Args:
         problem: a declaration, or one already compiled.
         options: tolerances and parameters.
+        backend: ``"native"``: the solver in C, compiled for these modes once and kept; where no compiler works, NumPy with a
+            warning. ``"numpy"``: the readable reference. Both make the same iterates.
+        building: called while the native backend compiles, with steps done, steps in all and what was done last.
     """
 
-    def __init__(self, problem: Problem | CompiledProblem, options: Options | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem | CompiledProblem,
+        options: Options | None = None,
+        *,
+        backend: Backend = "native",
+        building: Callable[[int, int, str], None] | None = None,
+    ) -> None:
+        if backend not in ("native", "numpy"):
+            raise SolverError(f"MSiLQR: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one")
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
         self.evaluator = Evaluator(self.problem)
+        self.machine = native_machine(self.problem, self.options, building) if backend == "native" else None
+
+    @property
+    def backend(self) -> Backend:
+        """Which implementation solves: ``"numpy"`` also where no compiler was found."""
+        return "numpy" if self.machine is None else "native"
 
     def solve(
         self,
@@ -69,7 +88,10 @@ class MSiLQR:
         if warm_start is not None:
             run.outer.resume(warm_start)
         try:
-            status = run.loop()
+            if self.machine is not None and all(f.all() for f in flags):
+                status = drive(self.machine, run, warm_start is not None, progress)
+            else:
+                status = run.loop()
         except KeyboardInterrupt:
             status = Status.INTERRUPTED
         return assemble(run, status, time.perf_counter() - began)

@@ -29,7 +29,7 @@ class Outer:
         self.duals = [self._first(i) for i in range(len(problem.phases))]
         self.has_inequalities = any(p.g_mask.any() or p.end_g_mask.any() for p in problem.phases)
         self._last_equality = np.inf
-        self._last_cost: float | None = None
+        self.last_cost: float | None = None
         self._unmoved = 0
         self._last_violation = np.inf
 
@@ -46,7 +46,7 @@ class Outer:
     def resume(self, solution: Solution) -> None:
         """Take everything from an earlier solution."""
         self.weight = solution.barrier_weight
-        self._last_cost = solution.cost if solution.converged else None
+        self.last_cost = solution.cost if solution.converged else None
         for dual, phase in zip(self.duals, solution.phases, strict=True):
             stored = phase.multipliers
             if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
@@ -60,7 +60,7 @@ class Outer:
         """Return whether the barrier no longer bends the solution: the last decrease of ε hardly changed the cost."""
         if not self.has_inequalities:
             return True
-        return self._last_cost is not None and abs(cost - self._last_cost) <= self.allowed(cost)
+        return self.last_cost is not None and abs(cost - self.last_cost) <= self.allowed(cost)
 
     def allowed(self, cost: float) -> float:
         """Return the suboptimality that the barrier may leave."""
@@ -86,10 +86,10 @@ class Outer:
         """
         nearly_met = violations[1] <= 10 * self.o.max_inequality
         if stationary and nearly_met and not self.gap_is_closed(cost):
-            self._last_cost = cost
+            self.last_cost = cost
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
         elif not stationary and self.near_gap(values) > self.allowed(cost):
-            self._last_cost = None
+            self.last_cost = None
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
         self._update_inequalities(values)
         self._update_equalities(values, violations[0])

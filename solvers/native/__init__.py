@@ -6,3 +6,8 @@ from .build import build as build
 from .build import load as load
 from .cache import Cache as Cache
 from .compilers import NoCompilerError as NoCompilerError
+from .drive import drive as drive
+from .library import library_for as library_for
+from .machine import Machine as Machine
+from .start import Backend as Backend
+from .start import native_machine as native_machine

@@ -28,7 +28,7 @@ VERSION = "1"
 """Part of every key: counted up when this module compiles differently."""
 
 _EXACT = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")  # NaN, infinities and rounding as in IEEE 754
-EXPRESSION_FLAGS = ("-O1", *_EXACT, "{native}")
+EXPRESSION_FLAGS = ("-O1", "-fexpensive-optimizations", *_EXACT, "{native}")
 """For generated straight-line code, in which more costs minutes and gains little."""
 SOLVER_FLAGS = ("-O3", *_EXACT, "{native}")
 """For the templates, whose loops have constant bounds. ``{native}`` becomes the flag for this processor."""

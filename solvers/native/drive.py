@@ -6,79 +6,76 @@ import ctypes as ct
 import threading
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..iterate import Iterate
-from ..outer import Outer
 from ..record import Record
+from ..run import Run
 from ..status import Status
 from . import structs as s
 from .machine import Machine
-
-Array = NDArray[np.float64]
 
 _STATUS = (
     Status.CONVERGED, Status.ITERATION_LIMIT, Status.TIME_LIMIT, Status.LINE_SEARCH_FAILED, Status.INFEASIBLE,
     Status.NOT_FINITE, Status.INTERRUPTED,
 )  # fmt: skip
 _POLL_S = 0.05
+_DUALS = ("relaxation", "shift", "multiplier", "penalty")
 
 
-def drive(
-    machine: Machine, start: Iterate, outer: Outer, resumed: bool, report: Callable[[Record], None] | None
-) -> tuple[Status, Iterate, list[Record]]:
-    """Run the compiled solver from a start; ``outer`` is read first and holds the end's duals afterwards.
+def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], None] | None) -> Status:
+    """Run the compiled solver from a run's iterate and outer state; they and its history are the end's afterwards.
 
-    The solver runs in a thread of its own, so that its log can be shown and Ctrl-C can stop it.
+    With a report, or on the main thread, the solver runs in a thread of its own, so that its log can be shown and Ctrl-C can
+    stop it.
     """
-    for i, (x, u) in enumerate(zip(start.states, start.controls, strict=True)):
-        machine.trial(i, "x")[:], machine.trial(i, "u")[:] = x.reshape(-1), u.reshape(-1)
-    for name in ("relaxation", "shift", "multiplier", "penalty"):
-        machine.write_rows(name, "stage", [getattr(d, name) for d in outer.duals])
-        machine.write_rows(name, "end", [getattr(d, f"end_{name}") for d in outer.duals])
-    c = machine.c
+    c, outer = machine.c, run.outer
+    _write(machine, run)
     c.weight, c.cancel, c.num_records = outer.weight, 0, 0
-    last = outer.last_cost
-    c.has_last_cost, c.last_cost = int(last is not None), last or 0.0
+    c.has_last_cost, c.last_cost = int(outer.last_cost is not None), outer.last_cost or 0.0
     result: list[int] = []
-
-    def work() -> None:
-        result.append(machine.library.piaffe_solve(ct.byref(c), int(resumed)))
-
-    history: list[Record] = []
+    worker = threading.Thread(
+        target=lambda: result.append(machine.library.piaffe_solve(ct.byref(c), int(resumed))), daemon=True
+    )
+    worker.start()
     try:
-        if report is None:
-            work()
-        else:
-            thread = threading.Thread(target=work, daemon=True)
-            thread.start()
-            while thread.is_alive():
-                thread.join(_POLL_S)
-                _read(machine, history, report)
-            _read(machine, history, report)
+        while worker.is_alive():
+            worker.join(_POLL_S)
+            _records(machine, run.history, report)
     except KeyboardInterrupt:
         c.cancel = 1
-        if report is not None:
-            thread.join()
-        result[:] = [len(_STATUS) - 1]
-    _read(machine, history, None)
-    for name in ("relaxation", "shift", "multiplier", "penalty"):
+        worker.join()
+        result[:] = [_STATUS.index(Status.INTERRUPTED)]
+    _records(machine, run.history, None)
+    status = _STATUS[result[0]]
+    _read(machine, run, accepted=status is not Status.NOT_FINITE)
+    return status
+
+
+def _write(machine: Machine, run: Run) -> None:
+    """Lay a run's start and duals into the machine."""
+    for i, (x, u) in enumerate(zip(run.current.iterate.states, run.current.iterate.controls, strict=True)):
+        machine.trial(i, "x")[:], machine.trial(i, "u")[:] = x.reshape(-1), u.reshape(-1)
+    for name in _DUALS:
+        machine.write_rows(name, "stage", [getattr(d, name) for d in run.outer.duals])
+        machine.write_rows(name, "end", [getattr(d, f"end_{name}") for d in run.outer.duals])
+
+
+def _read(machine: Machine, run: Run, *, accepted: bool) -> None:
+    """Take the machine's iterate and duals into the run."""
+    for name in _DUALS:
         stages, ends = machine.read_rows(name, "stage"), machine.read_rows(name, "end")
-        for dual, stage, end in zip(outer.duals, stages, ends, strict=True):
+        for dual, stage, end in zip(run.outer.duals, stages, ends, strict=True):
             setattr(dual, name, stage.reshape(getattr(dual, name).shape))
             setattr(dual, f"end_{name}", end.reshape(getattr(dual, f"end_{name}").shape))
-    outer.weight = c.weight
-    which = "accepted" if _STATUS[result[0]] is not Status.NOT_FINITE else "trial"
+    run.outer.weight = machine.c.weight
     states, controls = [], []
+    read = machine.accepted if accepted else machine.trial
     for i, phase in enumerate(machine.problem.phases):
-        read = getattr(machine, which)
         states.append(read(i, "x").reshape(phase.num_stages + 1, -1).copy())
-        controls.append(read(i, "u").reshape(phase.num_stages, -1).copy())
-    return _STATUS[result[0]], Iterate(states, controls), history
+        controls.append(read(i, "u").reshape(phase.num_stages, phase.mode.nu).copy())
+    run.current = run.evaluate(Iterate(states, controls))
 
 
-def _read(machine: Machine, history: list[Record], report: Callable[[Record], None] | None) -> None:
+def _records(machine: Machine, history: list[Record], report: Callable[[Record], None] | None) -> None:
     """Append the records that the solver has finished since the last call."""
     for j in range(len(history), machine.c.num_records):
         row: s.Record = machine.history[j]

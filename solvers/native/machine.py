@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ctypes as ct
 from collections.abc import Sequence
-from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from piaffe.ocp import CompiledPhase, CompiledProblem
 
 from ..options import Options
 from . import structs as s
+from .library import Library
 
 Array = NDArray[np.float64]
 
@@ -24,24 +23,15 @@ class Machine:
 
     Args:
         problem: the compiled problem.
-        library: shared library built from its program.
-        width: lanes W the library was built with.
-        modes: the modes in the order of the library's tables. links: the transitions likewise.
+        library: the library of its modes.
         options: options.
     """
 
-    def __init__(
-        self,
-        problem: CompiledProblem,
-        library: Path,
-        width: int,
-        modes: Sequence[Any],
-        links: Sequence[Any],
-        options: Options,
-    ) -> None:
-        self.problem, self.width = problem, width
+    def __init__(self, problem: CompiledProblem, library: Library, options: Options) -> None:
+        self.problem, self.width = problem, library.built.width
+        modes, links, width = library.modes, library.links, library.built.width
         self.types = s.structs(width)
-        self.library = ct.CDLL(str(library))
+        self.library = library.loaded
         self.library.piaffe_solve.restype = ct.c_int
         self._kept: list[Any] = []
         self.arrays: list[dict[str, Array]] = []
@@ -59,9 +49,9 @@ class Machine:
         self.c.history = self.history
         most = max([1] + [sum(map(len, mode.rows.values())) for mode in modes])
         self.c.slope, self.c.curvature = (self._pointer(self._array(most * width)) for _ in range(2))
-        for item in fields(options):
-            value = getattr(options, item.name)
-            setattr(self.c.options, item.name, 0.0 if value is None else value)
+        for name, _ in s.Options._fields_:
+            value = getattr(options, name)
+            setattr(self.c.options, name, 0.0 if value is None else value)
 
     # ---- memory
 

@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import casadi as cs
 
-from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
+from piaffe.ocp import LoweredMode, LoweredTransition
 from piaffe.ocp.lanes import generate
 
 TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
@@ -24,21 +24,17 @@ class Program:
         expressions: generated units (name, text): long, compiled lightly.
         kernels: the solver and its kernels (name, text): short, compiled hard.
         headers: file name → text.
-        modes: the modes, in the order of their tables ``mode0_table``, ...
-        links: the transitions, in the order of ``link0_table``, ...
+
+    Modes have tables ``mode0_table``, ..., transitions ``link0_table``, ..., in the order given.
     """
 
     expressions: tuple[tuple[str, str], ...]
     kernels: tuple[tuple[str, str], ...]
     headers: Mapping[str, str]
-    modes: tuple[LoweredMode, ...]
-    links: tuple[LoweredTransition, ...]
 
 
-def program(problem: CompiledProblem) -> Program:
-    """Return the sources for a compiled problem's modes and transitions."""
-    modes = tuple(dict.fromkeys(phase.mode for phase in problem.phases))
-    links = tuple(dict.fromkeys(phase.transition for phase in problem.phases if phase.transition is not None))
+def program(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...]) -> Program:
+    """Return the sources for modes and transitions."""
     functions: dict[str, cs.Function] = {}
     kernels = [("solver", TEMPLATES["solver.c"])]
     for number, mode in enumerate(modes):
@@ -51,13 +47,8 @@ def program(problem: CompiledProblem) -> Program:
         kernels.append((f"link{number}", _link_source(number, link, own)))
     units = generate(functions)
     includes = {name: text for name, text in TEMPLATES.items() if name != "solver.c"}
-    return Program(
-        tuple((unit.name, unit.text) for unit in units.units),
-        tuple(kernels),
-        {**units.headers, **includes},
-        modes,
-        links,
-    )
+    expressions = tuple((unit.name, unit.text) for unit in units.units)
+    return Program(expressions, tuple(kernels), {**units.headers, **includes})
 
 
 def _make(name: str, inputs: list[cs.SX], outputs: list[cs.SX]) -> cs.Function:

@@ -195,6 +195,25 @@ def test_sine_and_cosine_are_exact_to_rounding(operations):
         assert np.abs(got - exact(angles.astype(np.longdouble))).max() < 2e-16
 
 
+def test_inverse_tangent_is_exact_to_rounding(operations):
+    rng = np.random.default_rng(12)
+    y, x = rng.standard_normal((2, 4000)) * 10.0 ** rng.integers(-12, 12, (2, 4000))
+    width = operations.width
+    parts = [[v[i : i + width, None] for v in (y, x)] for i in range(0, len(x), width)]
+    got = np.concatenate([operations.call("OP_ATAN2", *part)[0][:, 0] for part in parts])
+    exact = np.arctan2(y.astype(np.longdouble), x.astype(np.longdouble))
+    assert np.abs(got / exact - 1).max() < 5e-16
+
+
+@pytest.mark.parametrize("name", OPERATIONS)
+def test_what_is_not_a_number_stays_so(operations, name):
+    kept = {"OP_FMIN", "OP_FMAX", "OP_LT", "OP_LE", "OP_EQ", "OP_NE", "OP_NOT", "OP_AND", "OP_OR", "OP_IF_ELSE_ZERO"}
+    point = [np.full((operations.width, 1), x) for x in (np.nan, 0.5)]
+    (got,), (expected,) = operations.call(name, *point), operations.expected(name, *point)
+    np.testing.assert_array_equal(got, expected)
+    assert np.isnan(got).all() or name in kept
+
+
 def test_a_branch_that_is_not_taken_may_be_nan(tmp_path):
     x = cs.SX.sym("x")
     function = cs.Function(
@@ -247,7 +266,7 @@ def leg() -> cs.Function:
     return cs.Function("leg", [x], [cs.vertcat(*values[::7]), cs.jacobian(values[40], x)])
 
 
-@pytest.mark.parametrize("chunk", [1, 3, 50, 100_000])
+@pytest.mark.parametrize("chunk", [2, 50, 100_000])
 def test_values_cross_from_chunk_to_chunk(chunk, tmp_path):
     library = Library({"leg": leg()}, 4, tmp_path / "c", chunk=chunk, unit=700)
     agree(library, "leg", np.random.default_rng(3))
