@@ -27,7 +27,7 @@ from .phase import Phase, ResetMap
 from .problem import Problem
 from .quantity import Quantity
 from .term import At, Constraint, Cost
-from .timeline import Stretch, covers, lay
+from .timeline import Stretch, check_passed, covers, lay
 from .trajectory import SCHEDULED
 from .transition import LoweredTransition, lower_transition
 
@@ -137,6 +137,7 @@ class _Compilation:
         n = stretch.num_stages
         times: Array = stretch.start + segment.dt * np.arange(n + 1.0)
         spans = self.path.intervals(stretch.end + 1e-6)
+        check_passed(stretch, spans)
         inside = [stretch.interval_at(t, spans) for t in times[:-1]]
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
         samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]

@@ -226,6 +226,18 @@ def test_reset_that_depends_on_the_control():
     )
 
 
+def test_reset_that_a_model_runs_past():
+    here = stance("FL FR HL HR")
+    stop = ocp.Phase("stop", here, 0.1, reset=ocp.reset(lambda s: {"base.linear_velocity": cs.SX.zeros(3)}))
+    motion = ocp.Motion(stop, ocp.Phase("go", here, 0.1))
+    effort = ocp.Objective(ocp.regularize(feet.force, weight=0.01))
+    problem = ocp.Problem(motion, RIGID.until_end(dt=0.05), effort, initial=RIGID.state())
+    assert told(ProblemError, lambda: ocp.compile_problem(problem)) == (
+        "phase 'stop' (HERE): model 'mini_cheetah rigid body' runs on past its end - got a reset at 0.1 s, within "
+        "mini_cheetah rigid body's 0 to 0.2 s, expected none there; remove it, or let another model cover the phase's end"
+    )
+
+
 # ---- terms where there is no control or force
 
 
