@@ -234,7 +234,8 @@ def test_reset_that_a_model_runs_past():
     problem = ocp.Problem(motion, RIGID.until_end(dt=0.05), effort, initial=RIGID.state())
     assert told(ProblemError, lambda: ocp.compile_problem(problem)) == (
         "phase 'stop' (HERE): model 'mini_cheetah rigid body' runs on past its end - got a reset at 0.1 s, within "
-        "mini_cheetah rigid body's 0 to 0.2 s, expected none there; remove it, or let another model cover the phase's end"
+        "mini_cheetah rigid body's 0 to 0.2 s, expected none there; remove it, or let another model cover the phase's "
+        "end"
     )
 
 
