@@ -120,6 +120,6 @@ def check_passed(stretch: Stretch, intervals: list[Interval]) -> None:
             name = stretch.segment.model.name
             raise ProblemError(
                 f"phase '{phase.name}' ({phase.source}): model '{name}' runs on past its end - got a {what} at "
-                f"{interval.end:g} s, within {name}'s {stretch.start:g} to {stretch.end:g} s, expected none there; remove "
-                "it, or let another model cover the phase's end"
+                f"{interval.end:g} s, within {name}'s {stretch.start:g} to {stretch.end:g} s, "
+                "expected none there; remove it, or let another model cover the phase's end"
             )
