@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from piaffe.errors import ProblemError
 
 from .motion import Motion
@@ -66,7 +68,7 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
     """Return the stretches of a horizon that begins at t0 [s] (snapped to the first model's dt)."""
     total = path.motion.duration
     dt0 = schedule.segments[0].dt
-    t = round(t0 / dt0) * dt0
+    t = round(t0 / dt0) * dt0 if np.isfinite(t0) else t0
     if not 0 <= t < total - _TINY:
         raise ProblemError(
             f"horizon: start is outside the motion - got t0 = {t0:g} s, expected 0 ≤ t0 < {total:g} s; choose one "

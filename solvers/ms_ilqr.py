@@ -32,6 +32,11 @@ class MSiLQR:
     """
 
     def __init__(self, problem: Problem | CompiledProblem, options: Options | None = None) -> None:
+        if not isinstance(problem, Problem | CompiledProblem):
+            raise SolverError(
+                f"{type(self).__name__}: not a problem - got {type(problem).__name__}, expected an ocp.Problem; "
+                "declare one"
+            )
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
