@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,12 @@ def numbers_of(value: Any, where: str, what: str) -> Array:
     Raises:
         ProblemError: it is no number, and no array of numbers.
     """
+    if isinstance(value, cs.SX | cs.MX):
+        got = f"the symbol '{value}'" if value.is_scalar() and value.is_symbolic() else "a CasADi expression"
+        raise ProblemError(
+            f"{where}: {what} is unusable - got {got}, expected numbers; give some: they may change without anything "
+            "being rebuilt, as an ocp.parameter may"
+        )
     try:
         return np.atleast_1d(np.asarray(value, dtype=float))
     except (TypeError, ValueError) as error:

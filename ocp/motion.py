@@ -87,10 +87,27 @@ class Motion:
                 raise ProblemError(
                     f"motion ({self.source}): not a phase - got {brief(phase)}, expected an ocp.Phase; make one"
                 )
+        if reference is not None:
+            self._check_reference(reference, (*once, *phases))
         if not cyclic:
             once, phases = once + phases, ()
         piece = Piece(once, phases, None if cyclic else 0, reference or Keyframes())
         object.__setattr__(self, "pieces", (piece,))
+
+    def _check_reference(self, reference: object, phases: tuple[Phase, ...]) -> None:
+        """Raise if a reference is none, or keyframes stand beside one that would not read them."""
+        if not isinstance(reference, Reference):
+            raise ProblemError(
+                f"motion ({self.source}): reference is unusable - got {brief(reference)}, expected one like "
+                "ocp.FromArrays; make one, or leave it out to follow the phases' keyframes"
+            )
+        for phase in phases:
+            if phase.target is not None and not isinstance(reference, Keyframes):
+                raise ProblemError(
+                    f"phase '{phase.name}' ({phase.source}): its keyframe applies nowhere - got a motion that follows "
+                    f"{type(reference).__name__}, expected targets from one of them; remove the keyframe or the "
+                    "reference"
+                )
 
     @classmethod
     def _of(cls, pieces: tuple[Piece, ...], source: Source) -> Motion:

@@ -393,6 +393,21 @@ def test_what_is_no_number_is_refused_by_name():
     )
 
 
+def test_symbols_instead_of_numbers():
+    high = ocp.parameter("high", 2.0)
+    message = (
+        "got the symbol 'high', expected numbers; give some: they may change without anything being rebuilt, as an "
+        "ocp.parameter may"
+    )
+    assert told(ProblemError, lambda: ball(objective=CHEAP + ocp.track("z", weight=high))) == (
+        f"term 'track z' (HERE): weight is unusable - {message}"
+    )
+    bounds = ocp.Constraints(ocp.inequality(lambda s: s.z, upper=2 * high, name="g"))
+    assert told(ProblemError, lambda: ball(constraints=bounds)).startswith(
+        "constraint 'g' (HERE): upper bound is unusable - got a CasADi expression, expected numbers"
+    )
+
+
 def test_weights_by_name_of_the_wrong_size():
     weights = {"FL": (1, 2), "FR": (1, 2, 3)}
     assert told(ShapeError, lambda: robot(ocp.regularize(joints.velocity, weight=weights))) == (

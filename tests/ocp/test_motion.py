@@ -123,6 +123,20 @@ def test_until_holds_at_the_end_of_the_phase():
     assert row.source == touch.source
 
 
+def test_keyframes_beside_another_reference_are_refused():
+    phase = ocp.Phase("a", "go", 0.1, {"z": 1})
+    reference = ocp.FromArrays([0, 1], {"z": [0, 1]})
+    with pytest.raises(
+        ProblemError, match=r"phase 'a' \(.*\): its keyframe applies nowhere - got a motion that follows FromArrays"
+    ):
+        ocp.Motion(phase, reference=reference)
+    with pytest.raises(ProblemError, match=r"reference is unusable - got 3, expected one like ocp\.FromArrays"):
+        ocp.Motion(ocp.Phase("a", "go", 0.1), reference=3)
+    (piece,) = ocp.Motion(ocp.Phase("a", "go", 0.1), reference=reference).pieces
+    assert [quantity.path for quantity in reference.columns] == ["z"]
+    assert piece.reference is reference
+
+
 def test_until_is_an_equality():
     inequality = ocp.inequality(lambda s: s.z, name="above")
     with pytest.raises(ProblemError, match=r"until is no switching constraint - got the inequality 'above', expected"):
