@@ -18,6 +18,7 @@ from .lowering import Row
 from .model import ModelBase
 from .motion import Motion
 from .quantity import Quantity
+from .schedule import Schedule
 from .term import ByPhase, Constraint, Cost
 
 if TYPE_CHECKING:
@@ -64,6 +65,18 @@ def check_last(motion: Motion) -> None:
             f"phase '{last.name}' ({last.source}): its reset applies nowhere - got the motion's last phase, expected "
             "another after it; add one, or remove the reset"
         )
+
+
+def check_models(schedule: Schedule) -> None:
+    """Raise if two models share a name: reports, files and parameters could not tell them apart."""
+    named: dict[str, ModelBase] = {}
+    for segment in schedule.segments:
+        model = segment.model
+        if named.setdefault(model.name, model) is not model:
+            raise ProblemError(
+                f"schedule ({segment.source}): two models share a name - got '{model.name}' twice, expected one model, "
+                "or another name; use one object, or give one of them name="
+            )
 
 
 def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
 from .batch import Batch
-from .checks import check_guess, check_last, check_names, check_targets
+from .checks import check_guess, check_last, check_models, check_names, check_targets
 from .compiled import CompiledPhase, CompiledProblem
 from .lowering import LEFT_OUT, LoweredMode, Lowering
 from .model import ModelBase, Node, Sample
@@ -110,6 +110,7 @@ class _Compilation:
         self.start: Sample = self.head.state.unpack(problem.initial)
         check_targets(problem.motion, models)
         check_last(problem.motion)
+        check_models(problem.schedule)
         self.path: Path = problem.motion.bind(tuple(models), self.start)
         self.models = models
         scoped: list[tuple[Term, Phase | None]] = [(t, None) for t in (*problem.objective, *problem.constraints)]

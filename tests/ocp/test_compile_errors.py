@@ -442,6 +442,15 @@ def test_start_that_is_no_time(t0):
     assert told(ProblemError, lambda: ball(t0=t0)).startswith("horizon: start is outside the motion - got t0 = ")
 
 
+def test_two_models_of_one_name():
+    other = models.WholeBody(CHEETAH, baumgarte=5.0)
+    assert told(ProblemError, lambda: robot(schedule=BODY.over(0.02, dt=0.02) + other.over(0.02, dt=0.02))) == (
+        "schedule (HERE): two models share a name - got 'mini_cheetah' twice, expected one model, or another name; use "
+        "one object, or give one of them name="
+    )
+    robot(schedule=BODY.over(0.02, dt=0.02) + BODY.over(0.02, dt=0.01))
+
+
 # ---- what applies nowhere
 
 
