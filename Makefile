@@ -74,7 +74,6 @@ docs: $(VENV)/dev.stamp
 
 bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/solve.py
-	$(VENV)-bench/bin/python benchmarks/solve.py
 	$(VENV)-bench/bin/python benchmarks/crocoddyl_nodes.py
 
 clean:

@@ -6,9 +6,11 @@ and labels stand at module level so that two constraints of one kind share their
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as cs
+import numpy as np
 
 from piaffe.errors import ProblemError
 from piaffe.ocp.term import When, inequality
@@ -26,7 +28,7 @@ def friction_cone(mu: float = 0.6) -> Any:
     Args:
         mu: friction coefficient μ.
     """
-    _require("friction_cone", "mu", mu, mu > 0, "a positive number")
+    _require("friction_cone", "mu", mu, lambda value: value > 0, "a positive number")
     return inequality(
         _pyramid,
         name="friction cone",
@@ -39,7 +41,7 @@ def friction_cone(mu: float = 0.6) -> Any:
 
 def torque_limits(fraction: float = 1.0) -> Any:
     """Keep joint torques within the robot's limits, or a fraction of them [Nm]."""
-    _require("torque_limits", "fraction", fraction, fraction > 0, "a positive number")
+    _require("torque_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
     return inequality(
         _torque,
         name="torque limits",
@@ -52,7 +54,7 @@ def torque_limits(fraction: float = 1.0) -> Any:
 
 def joint_limits(margin: float = 0.0) -> Any:
     """Keep joint angles within the robot's limits, less a margin [rad]."""
-    _require("joint_limits", "margin", margin, margin >= 0, "a number ≥ 0 [rad]")
+    _require("joint_limits", "margin", margin, lambda value: value >= 0, "a number ≥ 0 [rad]")
     return inequality(
         _angle,
         name="joint limits",
@@ -65,7 +67,7 @@ def joint_limits(margin: float = 0.0) -> Any:
 
 def joint_speed_limits(fraction: float = 1.0) -> Any:
     """Keep joint speeds within the robot's limits, or a fraction of them [rad/s]."""
-    _require("joint_speed_limits", "fraction", fraction, fraction > 0, "a positive number")
+    _require("joint_speed_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
     return inequality(
         _speed,
         name="joint speed limits",
@@ -155,6 +157,6 @@ def _base(model: Any) -> tuple[str, ...]:
     return ("base z",)
 
 
-def _require(where: str, what: str, got: float, holds: bool, expected: str) -> None:
-    if not holds:
-        raise ProblemError(f"{where}: {what} is out of range - got {got}, expected {expected}; change it")
+def _require(where: str, what: str, got: Any, holds: Callable[[float], bool], expected: str) -> None:
+    if not isinstance(got, int | float | np.number) or not holds(float(got)):
+        raise ProblemError(f"{where}: {what} is out of range - got {got!r}, expected {expected}; change it")

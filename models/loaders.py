@@ -49,7 +49,7 @@ class _Known:
 def load(
     name_or_urdf_path: str | Path,
     *,
-    feet: Sequence[str] | Sequence[Foot] | Mapping[str, str] | None = None,
+    feet: str | Sequence[str] | Sequence[Foot] | Mapping[str, str] | None = None,
     foot_radius: float | None = None,
     rotors: bool = False,
     poses: Mapping[str, object] | None = None,
@@ -59,14 +59,17 @@ def load(
 
     Args:
         name_or_urdf_path: one of ``names()`` or a URDF file.
-        feet: frames of the feet, or a mapping from the feet's names to frames, or feet; needed for a URDF file. The
-            order is that of every stacked foot quantity. Roles that are not given follow from where the feet are.
+        feet: frames of the feet (``"FL_FOOT FR_FOOT"`` or a list), a mapping from the feet's names to frames, or feet;
+            needed for a URDF file. The order is that of every stacked foot quantity. Roles that are not given follow
+            from where the feet are.
         foot_radius: radius of the foot's ball [m]; a known robot has its own, others 0.
         rotors: add the masses of the rotors where the links lack them, and their reflected inertia.
         poses: named joint angles [rad], added to those that are known. Without ``"stand"`` and ``"crouch"`` a URDF file
             gets poses with the feet below their places at zero angles, legs at 3/4 and 1/2 of their reach.
         name: the robot's name; by default the known name or that in the file.
     """
+    if isinstance(feet, str):
+        feet = feet.split()
     known = _KNOWN.get(str(name_or_urdf_path))
     urdf, package_dirs = locate(name_or_urdf_path)
     model = build_model(urdf)

@@ -248,3 +248,9 @@ def _check_joints(name: str, model: pinocchio.Model, joint_names: tuple[str, ...
             f"robot '{name}': joint names out of order - got {joint_names}, expected {tuple(model.names[ROOT + 1 :])}; "
             "name them in the order of the model"
         )
+
+
+def require_robot(robot: object, where: str) -> None:
+    """Raise unless something is a robot."""
+    if not isinstance(robot, Robot):
+        raise ModelError(f"{where}: not a robot - got {robot!r}, expected what models.load returns; load one")

@@ -20,7 +20,7 @@ from piaffe.ocp.quantity import Bound
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate
 from .postures import XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
-from .robot import Robot
+from .robot import Robot, require_robot
 from .stance import Stance
 
 Array = NDArray[np.float64]
@@ -47,6 +47,12 @@ class SingleRigidBody(LeggedModel):
     def __init__(
         self, robot: Robot, *, mass: float | None = None, inertia: ArrayLike | None = None, name: str | None = None
     ) -> None:
+        require_robot(robot, "models.SingleRigidBody")
+        if mass is not None and not (isinstance(mass, int | float | np.floating) and 0 < mass < np.inf):
+            raise ModelError(
+                f"rigid body of '{robot.name}': mass is out of range - got {mass!r}, expected a positive number [kg]; "
+                "give one"
+            )
         nf = len(robot.feet)
         slots = {
             "contact": np.zeros(nf),
@@ -152,6 +158,13 @@ def _six(robot: Robot, inertia: ArrayLike) -> Array:
         raise ModelError(
             f"rigid body of '{robot.name}': inertia is unusable - got shape {array.shape}, expected a symmetric (3, 3) "
             "tensor or its (xx, yy, zz, xy, xz, yz) [kg m^2]; give one of them"
+        )
+    xx, yy, zz, xy, xz, yz = array
+    principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) if np.all(np.isfinite(array)) else array
+    if not np.all(principal > 0):
+        raise ModelError(
+            f"rigid body of '{robot.name}': inertia is that of no body - got principal inertias {principal.tolist()} "
+            "kg m^2, expected positive ones; mend it"
         )
     return array
 

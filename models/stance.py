@@ -17,7 +17,7 @@ class Stance:
     Args:
         feet: names, sorted.
         roles: further feet by what they are, to be looked up in a robot: each entry names the feet that have all of
-            its roles, ``"front left"``.
+            its roles, ``"front left"``; ``"all"`` names every foot.
     """
 
     feet: tuple[str, ...] = ()
@@ -30,7 +30,7 @@ class Stance:
         """Return the same set in the robot's names; raise UnknownNameError for a foot or role that it lacks."""
         names = {robot.foot(name).name for name in self.feet}
         for role in self.roles:
-            found = robot.feet_with(role)
+            found = robot.feet if role == "all" else robot.feet_with(role)
             if not found:
                 raise ModelError(
                     f"robot '{robot.name}': no foot has the roles '{role}' - got feet "
@@ -46,8 +46,8 @@ def stance(feet: str | Iterable[str] = "", *, roles: str | Iterable[str] = ()) -
     Args:
         feet: names separated by spaces, or a collection of names.
         roles: instead of names, what feet are: ``"front"`` or ``"front left"`` (both at once), or several of these,
-            ``("front left", "hind right")``, whose feet are joined.
+            ``("front left", "hind right")``, whose feet are joined; ``"all"`` for every foot.
     """
     names = feet.split() if isinstance(feet, str) else feet
-    entries = [roles] if isinstance(roles, str) else list(roles)
+    entries = [entry for entry in ([roles] if isinstance(roles, str) else roles) if entry.split()]
     return Stance(tuple(sorted(set(names))), tuple(sorted({" ".join(sorted(entry.split())) for entry in entries})))

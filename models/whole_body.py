@@ -19,7 +19,7 @@ from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, integrate
 from .postures import XYZ, foot_labels
 from .quantities import base, com, feet, frames, joints, momentum
 from .recursions import Recursion
-from .robot import Robot
+from .robot import Robot, require_robot
 from .tree import Inertials, Point, Tree
 
 Integrator = Literal["euler", "semi_implicit"]
@@ -56,10 +56,16 @@ class WholeBody(NumericWholeBody):
         contact_damping: float | None = None,
         name: str | None = None,
     ) -> None:
+        require_robot(robot, "models.WholeBody")
         if integrator not in ("euler", "semi_implicit"):
             raise ModelError(
                 f"whole body of '{robot.name}': unknown integrator - got {integrator!r}, expected 'euler' or "
                 "'semi_implicit'; choose one"
+            )
+        if not (isinstance(baumgarte, int | float | np.floating) and 0 <= baumgarte < np.inf):
+            raise ModelError(
+                f"whole body of '{robot.name}': baumgarte is no gain - got {baumgarte!r}, expected a finite number ≥ 0 "
+                "[1/s]; give one"
             )
         if contact_damping is not None and not contact_damping > 0:
             raise ModelError(

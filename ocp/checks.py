@@ -13,9 +13,12 @@ from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
 from .batch import Batch
 from .compiled import CompiledPhase, CompiledProblem
+from .given import numbers_of
 from .lowering import Row
 from .model import ModelBase
 from .motion import Motion
+from .quantity import Quantity
+from .schedule import Schedule
 from .term import ByPhase, Constraint, Cost
 
 if TYPE_CHECKING:
@@ -31,13 +34,49 @@ def check_targets(motion: Motion, models: list[ModelBase]) -> None:
             errors: list[Exception] = []
             for model in models:
                 try:
-                    model.keyframe({name: value})
+                    _check_finite_target(model.keyframe({name: value}))
                     break
                 except (ModelError, ProblemError) as error:
                     errors.append(error)
+                except (TypeError, ValueError):
+                    numbers_of(value, f"phase '{phase.name}' ({phase.source}), keyframe", f"target '{name}'")
+                    raise
             else:  # the most telling: a model that knows the name, but not with this value
                 telling = next((e for e in errors if not isinstance(e, UnknownNameError)), errors[0])
                 raise ProblemError(f"phase '{phase.name}' ({phase.source}): {telling}") from telling
+
+
+def _check_finite_target(targets: dict[Quantity, Array]) -> None:
+    for quantity, value in targets.items():
+        if not np.all(np.isfinite(value)):
+            raise ProblemError(
+                f"keyframe, target '{quantity}': is not finite - got {np.asarray(value).tolist()}, expected finite "
+                "numbers; mend it"
+            )
+
+
+def check_last(motion: Motion) -> None:
+    """Raise if a reset map stands at the end of a motion, where nothing follows."""
+    if motion.duration == float("inf"):
+        return
+    *before, last = (phase for piece in motion.pieces for phase in piece.phases)
+    if last.reset is not None and last not in before:
+        raise ProblemError(
+            f"phase '{last.name}' ({last.source}): its reset applies nowhere - got the motion's last phase, expected "
+            "another after it; add one, or remove the reset"
+        )
+
+
+def check_models(schedule: Schedule) -> None:
+    """Raise if two models share a name: reports, files and parameters could not tell them apart."""
+    named: dict[str, ModelBase] = {}
+    for segment in schedule.segments:
+        model = segment.model
+        if named.setdefault(model.name, model) is not model:
+            raise ProblemError(
+                f"schedule ({segment.source}): two models share a name - got '{model.name}' twice, expected one model, "
+                "or another name; use one object, or give one of them name="
+            )
 
 
 def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
@@ -157,12 +196,15 @@ def check_controls(compiled: CompiledProblem, guesses: list[Guess] | None = None
     for mode in dict.fromkeys(guess.phase.mode for guess in guesses):
         if mode.nu == 0:
             continue
+        phase = next(guess.phase for guess in guesses if guess.phase.mode is mode)
+        where = f"phase '{phase.name}' ({phase.interval.phase.source})"
         curvature = np.max([guess.control_curvature() for guess in guesses if guess.phase.mode is mode], axis=0)
         for i in np.flatnonzero(curvature <= 0.0):
             label = mode.model.control.labels[i].strip()
             raise ProblemError(
-                f"model '{mode.model.name}', mode '{mode.key}': a control has no running cost - got none on '{label}', "
-                f"expected at least a small one; add ocp.regularize('{label.split()[0]}', weight=...) to the objective"
+                f"{where}, model '{mode.model.name}', mode '{mode.key}': a control has no running cost - got none on "
+                f"'{label}', expected at least a small one; add ocp.regularize('{label.split()[0]}', weight=...) "
+                "to the objective"
             )
 
 
@@ -200,8 +242,8 @@ def _owner(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: st
         return f"reset of model '{model.name}' ({phase.interval.phase.source})"
     if name == "x_next":
         block = next(b for b in model.state.blocks if model.state.slices[b.quantity].stop > row)
-        return f"dynamics of model '{model.name}', next '{block.quantity}'"
-    return f"dynamics of model '{model.name}', function '{name}'"
+        return f"dynamics of model '{model.name}' ({phase.interval.phase.source}), next '{block.quantity}'"
+    return f"dynamics of model '{model.name}' ({phase.interval.phase.source}), function '{name}'"
 
 
 def _named(function: cs.Function, *arguments: Array) -> dict[str, Array]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
 from .batch import Batch
-from .checks import check_guess, check_names, check_targets
+from .checks import check_guess, check_last, check_models, check_names, check_targets
 from .compiled import CompiledPhase, CompiledProblem
 from .lowering import LEFT_OUT, LoweredMode, Lowering
 from .model import ModelBase, Node, Sample
@@ -27,7 +27,7 @@ from .phase import Phase, ResetMap
 from .problem import Problem
 from .quantity import Quantity
 from .term import At, Constraint, Cost
-from .timeline import Stretch, covers, lay
+from .timeline import Stretch, check_passed, covers, lay
 from .trajectory import SCHEDULED
 from .transition import LoweredTransition, lower_transition
 
@@ -109,6 +109,8 @@ class _Compilation:
         self.head = models[0]
         self.start: Sample = self.head.state.unpack(problem.initial)
         check_targets(problem.motion, models)
+        check_last(problem.motion)
+        check_models(problem.schedule)
         self.path: Path = problem.motion.bind(tuple(models), self.start)
         self.models = models
         scoped: list[tuple[Term, Phase | None]] = [(t, None) for t in (*problem.objective, *problem.constraints)]
@@ -137,6 +139,7 @@ class _Compilation:
         n = stretch.num_stages
         times: Array = stretch.start + segment.dt * np.arange(n + 1.0)
         spans = self.path.intervals(stretch.end + 1e-6)
+        check_passed(stretch, spans)
         inside = [stretch.interval_at(t, spans) for t in times[:-1]]
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
         samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]

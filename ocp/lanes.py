@@ -83,7 +83,7 @@ class Units:
         return {"lanes.h": LANES_H, "functions.h": self.header}
 
 
-def generate(functions: Mapping[str, cs.Function], *, chunk: int = 1500, unit: int = 6000) -> Units:
+def generate(functions: Mapping[str, cs.Function], *, chunk: int = 500, unit: int = 6000) -> Units:
     """Lower functions to C.
 
     Args:

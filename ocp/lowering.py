@@ -28,6 +28,7 @@ import casadi as cs
 from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 
 from . import rotation
+from .given import call
 from .layout import Layout
 from .linear import affine, tangent_jacobians
 from .manifold import Manifold
@@ -169,8 +170,8 @@ class Lowering:
         for name, value in () if is_mask else term.parameters.items():
             slot = f"term{index}.{name}"
             numbers[name] = self.slots[slot] if slot in self.slots else self.own(slot, value.size)
-        result = function(view, **numbers)
         where = f"term '{term.name}' ({term.source})"
+        result = call(function, where, view, **numbers)
         if isinstance(result, NodeView):
             raise ProblemError(
                 f"{where}: the function returned a group - got a group of quantities, expected numbers; name one of "
@@ -281,7 +282,7 @@ class Lowering:
                 else:
                     group, piece = "g" if term.kind == "inequality" else "h", self.bind_constraint(view, index, term)
             except UnknownNameError as error:
-                self.unbound[index] = f"model '{self.model.name}' cannot supply '{error.name}'{error.hint}"
+                self.unbound[index] = _cannot(self.model, error)
                 continue
             bound.append(index)
             needs = cs.depends_on(piece.rows, cs.vertcat(self.u, self.z)) if self.u.numel() + self.z.numel() else False
@@ -361,6 +362,13 @@ class Lowering:
             ),
             "outputs": make("outputs", xuzp, {"outputs": outputs}),
         }
+
+
+def _cannot(model: ModelBase, error: UnknownNameError) -> str:
+    """Return why a model cannot supply what a term speaks of."""
+    if error.what == "component":
+        return f"{error.where} of model '{model.name}' has no component '{error.name}'{error.hint}"
+    return f"model '{model.name}' cannot supply '{error.name}'{error.hint}"
 
 
 def _rows(pieces: list[_Piece]) -> tuple[Row, ...]:

@@ -6,9 +6,12 @@ from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 from itertools import count
 
+import numpy as np
+
 from piaffe.errors import ProblemError
 
 from .frame import ORIGIN
+from .given import brief
 from .model import ModelBase, Sample
 from .path import Interval, Path, PlacedPiece
 from .phase import Phase
@@ -82,12 +85,29 @@ class Motion:
         for phase in (*once, *phases):
             if not isinstance(phase, Phase):
                 raise ProblemError(
-                    f"motion ({self.source}): not a phase - got {phase!r}, expected an ocp.Phase; make one"
+                    f"motion ({self.source}): not a phase - got {brief(phase)}, expected an ocp.Phase; make one"
                 )
+        if reference is not None:
+            self._check_reference(reference, (*once, *phases))
         if not cyclic:
             once, phases = once + phases, ()
         piece = Piece(once, phases, None if cyclic else 0, reference or Keyframes())
         object.__setattr__(self, "pieces", (piece,))
+
+    def _check_reference(self, reference: object, phases: tuple[Phase, ...]) -> None:
+        """Raise if a reference is none, or keyframes stand beside one that would not read them."""
+        if not isinstance(reference, Reference):
+            raise ProblemError(
+                f"motion ({self.source}): reference is unusable - got {brief(reference)}, expected one like "
+                "ocp.FromArrays; make one, or leave it out to follow the phases' keyframes"
+            )
+        for phase in phases:
+            if phase.target is not None and not isinstance(reference, Keyframes):
+                raise ProblemError(
+                    f"phase '{phase.name}' ({phase.source}): its keyframe applies nowhere - got a motion that follows "
+                    f"{type(reference).__name__}, expected targets from one of them; remove the keyframe or the "
+                    "reference"
+                )
 
     @classmethod
     def _of(cls, pieces: tuple[Piece, ...], source: Source) -> Motion:
@@ -121,6 +141,11 @@ class Motion:
         return cls.from_trajectory(solution.trajectory, modes)  # type: ignore[attr-defined]  # any solver's solution
 
     def __add__(self, other: Motion) -> Motion:
+        if not isinstance(other, Motion):
+            raise ProblemError(
+                f"motion ({caller()}): can be followed by a motion only - got {type(other).__name__}, expected an "
+                "ocp.Motion; make one of it"
+            )
         if self.pieces[-1].is_endless:
             raise ProblemError(
                 f"motion ({self.source}): an endless motion cannot be followed by another - got a cyclic motion, "
@@ -130,9 +155,10 @@ class Motion:
 
     def cycles(self, n: int) -> Motion:
         """Return the motion with its cycle run n times (a motion that is not cyclic is repeated whole)."""
-        if n < 1:
+        if not isinstance(n, int | np.integer) or n < 1:
             raise ProblemError(
-                f"motion ({self.source}): cycles is out of range - got {n}, expected at least 1; raise it"
+                f"motion ({self.source}): cycles is out of range - got {n!r}, expected a whole number, at least 1; "
+                "give one"
             )
         last = self.pieces[-1]
         if last.cycle:

@@ -9,6 +9,7 @@ import casadi as cs
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 
+from .given import call
 from .manifold import Block, Manifold
 from .model import Dynamics, ModelBase, Quantities
 from .quantity import Bound, Quantity
@@ -81,7 +82,7 @@ class Model(ModelBase):
 
     def mode_key(self, mode: Hashable) -> str:
         """Return the mode's name; raise if the model has no such mode."""
-        if mode not in self.modes:
+        if not isinstance(mode, str) or mode not in self.modes:
             raise UnknownNameError(f"model '{self.name}'", "mode", str(mode), self.modes)
         return str(mode)
 
@@ -99,7 +100,9 @@ class Model(ModelBase):
 
         def further(name: str, function: Callable[[NodeView], Any]) -> Callable[[], Bound]:
             def make() -> Bound:
-                value = column(function(NodeView(quantities)))
+                value = column(
+                    call(function, f"model '{self.name}' ({self.source}), quantity '{name}'", NodeView(quantities))
+                )
                 labels = ("",) if value.numel() == 1 else tuple(str(i) for i in range(value.numel()))
                 return Bound(Quantity(name), value, labels)
 
@@ -111,7 +114,7 @@ class Model(ModelBase):
     def vector_field(self, key: str, x: cs.SX, u: cs.SX) -> cs.SX:
         """Return the stacked derivatives of a mode (tangent; or next values, if discrete)."""
         where = f"model '{self.name}' ({self.source}), mode '{key}'"
-        given = dict(self.modes[key](NodeView(self.quantities_at(x, u))))
+        given = dict(call(self.modes[key], where, NodeView(self.quantities_at(x, u))))
         paths = [block.quantity.path for block in self.state.blocks]
         missing = [path for path in paths if path not in given]
         if missing or len(given) > len(paths):

@@ -11,7 +11,7 @@ import numpy as np
 from piaffe.errors import ProblemError
 
 from .source import Source, caller
-from .term import Constraint
+from .term import Constraint, Cost
 from .termset import Constraints, Objective
 
 
@@ -92,8 +92,8 @@ class Phase:
         *,
         until: Constraint | Constraints | None = None,
         reset: ResetMap | None = None,
-        constraints: Constraints | None = None,
-        objective: Objective | None = None,
+        constraints: Constraint | Constraints | None = None,
+        objective: Cost | Objective | None = None,
     ) -> None:
         source = caller()
         where = f"phase '{name}' ({source})"
@@ -110,7 +110,9 @@ class Phase:
             raise ProblemError(
                 f"{where}: target is unusable - got {target!r}, expected a Keyframe or a mapping; make one"
             )
-        rows = () if until is None else (until,) if isinstance(until, Constraint) else tuple(until)
+        if not isinstance(name, str) or not name:
+            raise ProblemError(f"{where}: name is unusable - got {name!r}, expected some text; give one")
+        rows = _switching(until, where)
         rows = tuple(replace(row, at="phase_end") if row.at == "running" else row for row in rows)
         if reset is not None and not isinstance(reset, ResetMap):
             raise ProblemError(f"{where}: reset is unusable - got {reset!r}, expected ocp.reset(function); wrap it")
@@ -121,8 +123,21 @@ class Phase:
             "target": target,
             "until": rows,
             "reset": reset,
-            "constraints": constraints or Constraints(),
-            "objective": objective or Objective(),
+            "constraints": Constraints() if constraints is None else Constraints(constraints),
+            "objective": Objective() if objective is None else Objective(objective),
             "source": source,
         }.items():
             object.__setattr__(self, key, value)
+
+
+def _switching(until: Constraint | Constraints | None, where: str) -> tuple[Constraint, ...]:
+    """Return the switching constraints that a phase was given; raise if they are none."""
+    given = () if until is None else tuple(until) if isinstance(until, Constraints) else (until,)
+    for row in given:
+        if not isinstance(row, Constraint) or row.kind != "equality":
+            got = f"the inequality '{row.name}'" if isinstance(row, Constraint) else type(row).__name__
+            raise ProblemError(
+                f"{where}: until is no switching constraint - got {got}, expected an ocp.equality; make one, or give "
+                "an inequality with constraints="
+            )
+    return given

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError, ShapeError
 
+from .given import numbers_of
 from .motion import Motion
 from .schedule import Schedule
 from .source import Source, caller
@@ -70,14 +71,13 @@ class Problem:
             "constraints": constraints or Constraints(),
             "initial": _initial(initial, schedule, source),
             "source": source,
-            "parameters": {k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in (parameters or {}).items()},
+            "parameters": _parameters(parameters or {}, source),
         }.items():
             object.__setattr__(self, key, entry)
 
     def with_parameters(self, **values: ArrayLike) -> Problem:
         """Return the problem with other values of parameters; nothing is rebuilt."""
-        merged = {**self.parameters, **{k: np.atleast_1d(np.asarray(v, dtype=float)) for k, v in values.items()}}
-        return self._with("parameters", merged)
+        return self._with("parameters", {**self.parameters, **_parameters(values, self.source)})
 
     def with_initial(self, initial: ArrayLike) -> Problem:
         """Return the problem from another initial state."""
@@ -99,7 +99,7 @@ class Problem:
 def _initial(initial: ArrayLike, schedule: Schedule, source: Source) -> Array:
     """Return an initial state of the first model, its quaternions normalised; raise if it is none."""
     head = schedule.segments[0].model
-    x0 = np.asarray(initial, dtype=float)
+    x0 = numbers_of(initial, f"problem ({source})", "initial state")
     if x0.shape != (head.state.nx,):
         layout = ", ".join(f"{b.quantity.path} {b.nx}" for b in head.state.blocks)
         raise ShapeError(
@@ -112,4 +112,22 @@ def _initial(initial: ArrayLike, schedule: Schedule, source: Source) -> Array:
             f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite "
             "numbers; mend it"
         )
+    for quantity, where in head.state.slices.items():
+        if quantity.kind == "rotation" and not np.any(x0[where]):
+            raise ProblemError(
+                f"problem ({source}): initial state has no '{quantity}' - got a quaternion of zeros, expected one of "
+                "unit length, (1, 0, 0, 0) for none; build it with the model's state()"
+            )
     return head.state.np_normalise(x0)
+
+
+def _parameters(values: Mapping[str, ArrayLike], source: Source) -> dict[str, Array]:
+    """Return values of parameters as arrays; raise if one is no finite number."""
+    where = f"problem ({source})"
+    arrays = {name: numbers_of(value, where, f"parameter '{name}'").ravel() for name, value in values.items()}
+    for name, array in arrays.items():
+        if not np.all(np.isfinite(array)):
+            raise ProblemError(
+                f"{where}, parameter '{name}': is not finite - got {array.tolist()}, expected finite numbers; mend it"
+            )
+    return arrays

@@ -255,10 +255,11 @@ class FromArrays(Reference):
 
     Args:
         times: increasing times since the piece's start, (n,) [s].
-        columns: quantity → values (n, size); rotations as quaternions (n, 4) of one sign branch.
+        columns: quantity (of a model by hand its name) → values (n, size); rotations as quaternions (n, 4) of one
+            sign branch.
     """
 
-    def __init__(self, times: ArrayLike, columns: Mapping[Quantity, ArrayLike]) -> None:
+    def __init__(self, times: ArrayLike, columns: Mapping[Quantity | str, ArrayLike]) -> None:
         self.times: Array = np.asarray(times, dtype=float)
         if self.times.ndim != 1 or self.times.size == 0 or np.any(np.diff(self.times) <= 0):
             raise ProblemError(
@@ -266,7 +267,8 @@ class FromArrays(Reference):
                 "it"
             )
         self.columns: dict[Quantity, Array] = {}
-        for quantity, given in columns.items():
+        for key, given in columns.items():
+            quantity = Quantity(key) if isinstance(key, str) else key
             values: Array = np.asarray(given, dtype=float)
             if values.shape[:1] != self.times.shape:
                 raise ShapeError(

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from piaffe.errors import ProblemError
 
 from .source import Source, caller
@@ -35,9 +37,9 @@ class Segment:
 
     def __post_init__(self) -> None:
         for name, value in (("dt", self.dt), ("duration", self.duration)):
-            if value is not None and not 0 < value < float("inf"):
+            if value is not None and not (isinstance(value, int | float | np.number) and 0 < value < float("inf")):
                 raise ProblemError(
-                    f"schedule ({self.source}), model '{self.model.name}': {name} is out of range - got {value}, "
+                    f"schedule ({self.source}), model '{self.model.name}': {name} is out of range - got {value!r}, "
                     "expected a positive number of seconds; give one"
                 )
 
@@ -49,6 +51,11 @@ class Schedule:
     segments: tuple[Segment, ...]
 
     def __add__(self, other: Schedule) -> Schedule:
+        if not isinstance(other, Schedule):
+            raise ProblemError(
+                f"schedule ({caller()}): can be followed by a schedule only - got {type(other).__name__}, expected "
+                "that of a model; write model.over(duration, dt) or model.until_end(dt)"
+            )
         if self.segments and self.segments[-1].duration is None:
             last = self.segments[-1]
             raise ProblemError(

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError, ShapeError
 
+from .given import numbers_of
 from .quantity import Quantity, match_labels
 from .source import Source, caller
 
@@ -113,9 +114,18 @@ class Cost(Term):
         if isinstance(weight, Mapping):
             values = np.zeros(len(labels))
             for key, value in weight.items():
-                values[match_labels(labels, key, self.where)] = value
+                named, given = (
+                    match_labels(labels, key, self.where),
+                    numbers_of(value, self.where, f"weight of '{key}'"),
+                )
+                if given.size not in (1, len(named)):
+                    raise ShapeError(
+                        f"{self.where}: weight of '{key}' has the wrong size - got {given.size} entries, expected 1 or "
+                        f"{len(named)} ({', '.join(labels[i] for i in named)}); give one per component or a scalar"
+                    )
+                values[named] = given
         else:
-            values = np.atleast_1d(np.asarray(weight, dtype=float))
+            values = numbers_of(weight, self.where, "weight")
             if values.size not in (1, len(labels)):
                 raise ShapeError(
                     f"{self.where}: weight has the wrong size - got {values.size} entries, expected 1 or {len(labels)} "
@@ -150,6 +160,19 @@ class Constraint(Term):
     scale: float = 1.0
     labels: Any = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.scale, int | float) and 0 < self.scale < float("inf")):
+            raise ProblemError(
+                f"{self.where}: scale is out of range - got {self.scale!r}, expected a positive number "
+                f"[{self.unit or '-'}]; give one"
+            )
+
+    @property
+    def where(self) -> str:
+        """Name and place, for messages."""
+        return f"constraint '{self.name}' ({self.source})"
+
     def structure(self) -> Hashable:
         """Return what the generated functions depend on; terms of equal structure share code."""
         sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
@@ -161,26 +184,35 @@ class Constraint(Term):
         """Return the bounds of one side for a model, (size,)."""
         given = self.lower if side == "lower" else self.upper
         try:
-            values = np.atleast_1d(np.asarray(given(model) if callable(given) else given, dtype=float))
+            values = numbers_of(given(model) if callable(given) else given, self.where, f"{side} bound")
         except AttributeError as error:
             raise ProblemError(
-                f"constraint '{self.name}' ({self.source}): model '{model.name}' has no such limits - got {error}, "
+                f"{self.where}: model '{model.name}' has no such limits - got {error}, "
                 f"expected a model of a robot; give {side}= as numbers, or exclude it with .without(...)"
             ) from error
         if values.size not in (1, size) or np.any(np.isnan(values)):
             raise ShapeError(
-                f"constraint '{self.name}' ({self.source}): {side} bound is unusable - got {values.tolist()}, expected "
+                f"{self.where}: {side} bound is unusable - got {values.tolist()}, expected "
                 f"1 or {size} numbers [{self.unit or '-'}]; give one per row or a scalar"
             )
         return np.broadcast_to(values, (size,)).astype(float)
 
 
 def _numbers(parameters: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
-    return {key: np.atleast_1d(np.asarray(value, dtype=float)) for key, value in (parameters or {}).items()}
+    return {
+        key: numbers_of(value, f"term ({caller()})", f"parameter '{key}'") for key, value in (parameters or {}).items()
+    }
 
 
 def _as_quantity(quantity: Quantity | str) -> Quantity:
-    return quantity if isinstance(quantity, Quantity) else Quantity(quantity)
+    if isinstance(quantity, str):
+        return Quantity(quantity)
+    if not isinstance(quantity, Quantity):
+        raise ProblemError(
+            f"term ({caller()}): not a quantity - got {quantity!r}, expected one like base.position, or a state's or "
+            "control's name; for a function of your own use ocp.residual"
+        )
+    return quantity
 
 
 def track(
@@ -198,8 +230,8 @@ def track(
     A rotation's residual is the body-axis rotation vector from target to value.
     """
     q = _as_quantity(quantity)
-    target = None if to is None else np.atleast_1d(np.asarray(to, dtype=float))
     suffix = "" if at == "running" else f" at {at}"
+    target = None if to is None else numbers_of(to, f"term '{name or f'track {q}{suffix}'}' ({caller()})", "target")
     return Cost(
         name=name or f"track {q}{suffix}",
         quantity=q,

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from piaffe.errors import ProblemError
 
+from .given import brief
 from .source import caller
-from .term import Constraint, Cost, Residual
+from .term import Constraint, Cost, Residual, Term
 
 
 @dataclass(frozen=True, init=False)
@@ -54,5 +55,16 @@ def _flatten(terms: tuple[object, ...], kind: type, where: str, advice: str) -> 
             flat.append(term)
         else:
             hint = "give it a weight with .weighted(w)" if isinstance(term, Residual) else f"make it with {advice}"
-            raise ProblemError(f"{where} ({caller()}): not a term - got {term!r}, expected a {kind.__name__}; {hint}")
+            raise ProblemError(
+                f"{where} ({caller()}): not a term - got {_brief(term)}, expected a {kind.__name__}; {hint}"
+            )
     return tuple(flat)
+
+
+def _brief(term: object) -> str:
+    """Return what was given instead of a term, in a few words."""
+    if isinstance(term, Term):
+        return f"the {getattr(term, 'kind', 'cost')} '{term.name}' ({term.source})"
+    if isinstance(term, Residual):
+        return f"a residual ({term.source})"
+    return brief(term)

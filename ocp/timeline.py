@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from piaffe.errors import ProblemError
 
 from .motion import Motion
@@ -66,7 +68,7 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
     """Return the stretches of a horizon that begins at t0 [s] (snapped to the first model's dt)."""
     total = path.motion.duration
     dt0 = schedule.segments[0].dt
-    t = round(t0 / dt0) * dt0
+    t = round(t0 / dt0) * dt0 if np.isfinite(t0) else t0
     if not 0 <= t < total - _TINY:
         raise ProblemError(
             f"horizon: start is outside the motion - got t0 = {t0:g} s, expected 0 ≤ t0 < {total:g} s; choose one "
@@ -109,3 +111,17 @@ def covers(motion: Motion, stretches: list[Stretch]) -> bool:
     """Return whether a horizon covers a motion, or at least one cycle of an endless one."""
     length = sum(phase.duration for piece in motion.pieces for phase in piece.phases)
     return stretches[0].start < _TINY and stretches[-1].end > length - _TINY
+
+
+def check_passed(stretch: Stretch, intervals: list[Interval]) -> None:
+    """Raise if a model that modes do not cut runs past a phase end at which something was declared to happen."""
+    for interval in intervals:
+        phase, inside = interval.phase, stretch.start + _TINY < interval.end < stretch.end - _TINY
+        if inside and (phase.reset is not None or phase.until):
+            what = "reset" if phase.reset is not None else "until"
+            name = stretch.segment.model.name
+            raise ProblemError(
+                f"phase '{phase.name}' ({phase.source}): model '{name}' runs on past its end - got a {what} at "
+                f"{interval.end:g} s, within {name}'s {stretch.start:g} to {stretch.end:g} s, "
+                "expected none there; remove it, or let another model cover the phase's end"
+            )

@@ -18,6 +18,7 @@ import casadi as cs
 
 from piaffe.errors import ProblemError, ShapeError
 
+from .given import call
 from .layout import Layout
 from .linear import affine, tangent_jacobians
 from .lowering import Lowering
@@ -60,7 +61,7 @@ def lower_transition(
     dynamics = source.dynamics(key, low.x, low.u, absent[low.u.numel() :], p_model)
     given: dict[str, cs.SX] = {}
     if user is not None:
-        result = user.function(NodeView(dynamics.quantities))
+        result = call(user.function, f"{where}, reset ({user.source})", NodeView(dynamics.quantities))
         if not isinstance(result, Mapping):
             raise ProblemError(
                 f"{where}, reset ({user.source}): result is unusable - got {type(result).__name__}, expected a mapping "

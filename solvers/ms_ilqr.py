@@ -30,8 +30,8 @@ class MSiLQR:
     Args:
         problem: a declaration, or one already compiled.
         options: tolerances and parameters.
-        backend: ``"native"``: the solver in C, compiled for these modes once and kept; where no compiler works, NumPy with a
-            warning. ``"numpy"``: the readable reference. Both make the same iterates.
+        backend: ``"native"``: the solver in C, compiled for these modes once and kept; where no compiler works, NumPy
+            with a warning. ``"numpy"``: the readable reference. Both make the same iterates.
         building: called while the native backend compiles, with steps done, steps in all and what was done last.
     """
 
@@ -45,6 +45,11 @@ class MSiLQR:
     ) -> None:
         if backend not in ("native", "numpy"):
             raise SolverError(f"MSiLQR: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one")
+        if not isinstance(problem, Problem | CompiledProblem):
+            raise SolverError(
+                f"{type(self).__name__}: not a problem - got {type(problem).__name__}, expected an ocp.Problem; "
+                "declare one"
+            )
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem

@@ -122,7 +122,10 @@ def load(path: Path) -> Solution:
 
 def _arrays(path: Path) -> dict[str, Array]:
     """Return the arrays of an archive; the file is read whole, so that none stays open when it is damaged."""
-    stored = np.load(io.BytesIO(path.read_bytes()), allow_pickle=False)
+    content = path.read_bytes()
+    if not content.startswith((b"PK", b"\x93NUMPY")):
+        raise ValueError("no archive" if content else "an empty file")
+    stored = np.load(io.BytesIO(content), allow_pickle=False)
     if not isinstance(stored, np.lib.npyio.NpzFile):
         raise ValueError("a single array")
     with stored:

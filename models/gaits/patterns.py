@@ -13,7 +13,7 @@ from piaffe.errors import ProblemError
 from ..stance import stance
 from .reference import GaitReference
 
-_ALL = ("front", "hind")
+_ALL = "all"
 
 
 def gait(*beats: tuple[str, str | tuple[str, ...], float], intro: float = 0.05, **command: Any) -> ocp.Motion:
@@ -21,7 +21,7 @@ def gait(*beats: tuple[str, str | tuple[str, ...], float], intro: float = 0.05, 
 
     Args:
         *beats: name, roles of the feet on the ground, and duration [s] of each phase of the cycle. Roles are
-            ``"front"``, ``"front left"`` (both at once), a tuple of such, or ``()`` for flight.
+            ``"front"``, ``"front left"`` (both at once), ``"all"``, a tuple of such, or ``()`` for flight.
         intro: length of a stand on all feet before the first cycle [s]; 0 for none.
         **command: ``speed``, ``yaw_rate``, … of :class:`GaitReference`.
     """

@@ -31,6 +31,8 @@ class UnknownNameError(ModelError, KeyError):
     """
 
     def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
+        self.where = where
+        self.what = what
         self.name = name
         self.known = tuple(known)
         close = " or ".join(map(repr, get_close_matches(name, self.known, n=3, cutoff=0.4)))

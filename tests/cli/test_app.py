@@ -141,6 +141,17 @@ def test_solve_prints_one_json_object(capsys: pytest.CaptureFixture[str], ball_f
     assert values["cost"] == pytest.approx(sum(values["term_costs"].values()))
 
 
+def test_what_a_file_prints_stays_out_of_the_json(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, ball: Path, tmp_path: Path
+) -> None:
+    chatty = tmp_path / "chatty.py"
+    chatty.write_text(ball_file.read_text() + '\nprint("hello")\n')
+    for arguments in (("solve", chatty), ("verify", ball, chatty)):
+        code, out, err = run(capsys, *arguments, "--json")
+        assert (code, err) == (0, "hello")
+        assert isinstance(json.loads(out), dict)
+
+
 def test_solve_shows_iterations_and_a_summary(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
     code, out, _ = run(capsys, "solve", ball_file)
     assert code == 0
@@ -218,7 +229,7 @@ def test_verify_refuses_another_problem(capsys: pytest.CaptureFixture[str], hop_
 def test_a_file_that_is_no_solution_is_refused(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
     code, _, err = run(capsys, "verify", ball_file, ball_file)
     assert code == 2
-    assert "error: file 'ball.py': truncated or not an archive" in err
+    assert "error: file 'ball.py': truncated or not an archive - got no archive, expected a .npz saved by Piaffe" in err
 
 
 # ---- check

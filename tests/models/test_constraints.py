@@ -67,3 +67,5 @@ def test_numbers_out_of_range_are_refused():
         models.friction_cone(mu=-0.1)
     with pytest.raises(ProblemError, match=r"joint_limits: margin is out of range - got -1, expected a number ≥ 0"):
         models.joint_limits(-1)
+    with pytest.raises(ProblemError, match=r"friction_cone: mu is out of range - got 'dry', expected a positive"):
+        models.friction_cone(mu="dry")

@@ -2,6 +2,7 @@
 
 from functools import cache
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -57,6 +58,19 @@ def test_gaits_bind_for_robots_with_other_names(name):
     for robot in ("go2", "solo12", "anymal_c"):
         sample = bind(whole_body(robot), getattr(gaits, name)(0.4)).sample(1.03, 5)
         assert sample[feet.position].shape == (12,)
+
+
+def test_a_biped_paces_on_its_two_feet():
+    urdf = Path(__file__).parents[2] / "examples" / "biped.urdf"
+    biped = models.WholeBody(models.load(urdf, feet="L_FOOT R_FOOT"))
+    contacts = [str(biped.resolve(i.phase.mode)) for i, _ in zip(gaits.pace(0.2).intervals(), range(3), strict=False)]
+    assert contacts == ["L R", "R", "L"]
+    assert bind(biped, gaits.pace(0.2)).sample(0.4, 2)[feet.position].shape == (6,)
+
+
+def test_roles_that_are_none_are_flight(body):
+    assert models.stance(roles="") == models.stance("")
+    assert str(body.resolve(models.stance(roles="all"))) == "FL FR HL HR"
 
 
 @pytest.mark.parametrize("name", GAITS)

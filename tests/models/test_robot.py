@@ -166,6 +166,7 @@ def test_loading_says_what_is_missing(cheetah, tmp_path):
         models.load(cheetah.urdf)
     with pytest.raises(UnknownNameError, match="no frame 'FL_TOE'"):
         models.load(cheetah.urdf, feet=("FL_TOE",))
+    assert models.load(cheetah.urdf, feet="FL_FOOT HR_FOOT").foot_names == ("FL", "HR")
     with pytest.raises(ModelError, match=r"foot_radius is no length - got -0\.1"):
         models.load("mini_cheetah", foot_radius=-0.1)
 

@@ -320,6 +320,10 @@ def test_unknown_names_are_refused() -> None:
         body.mode_key(3)
     with pytest.raises(ModelError, match="unknown integrator - got 'rk4', expected 'euler' or"):
         WholeBody(body.robot, integrator="rk4")  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match=r"models\.WholeBody: not a robot - got 'solo12', expected what models\.load"):
+        WholeBody("solo12")  # type: ignore[arg-type]
+    with pytest.raises(ModelError, match=r"baumgarte is no gain - got -1, expected a finite number ≥ 0"):
+        WholeBody(body.robot, baumgarte=-1)
 
 
 def test_wrong_sizes_are_refused() -> None:

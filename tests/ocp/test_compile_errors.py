@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp, solvers
-from piaffe.errors import ModelError, ProblemError, ShapeError, UnknownNameError
+from piaffe.errors import ModelError, ProblemError, ShapeError, SolverError, UnknownNameError
 from piaffe.models import base, feet, joints, stance
 
 FILE = Path(__file__).name
@@ -226,6 +226,19 @@ def test_reset_that_depends_on_the_control():
     )
 
 
+def test_reset_that_a_model_runs_past():
+    here = stance("FL FR HL HR")
+    stop = ocp.Phase("stop", here, 0.1, reset=ocp.reset(lambda s: {"base.linear_velocity": cs.SX.zeros(3)}))
+    motion = ocp.Motion(stop, ocp.Phase("go", here, 0.1))
+    effort = ocp.Objective(ocp.regularize(feet.force, weight=0.01))
+    problem = ocp.Problem(motion, RIGID.until_end(dt=0.05), effort, initial=RIGID.state())
+    assert told(ProblemError, lambda: ocp.compile_problem(problem)) == (
+        "phase 'stop' (HERE): model 'mini_cheetah rigid body' runs on past its end - got a reset at 0.1 s, within "
+        "mini_cheetah rigid body's 0 to 0.2 s, expected none there; remove it, or let another model cover the phase's "
+        "end"
+    )
+
+
 # ---- terms where there is no control or force
 
 
@@ -341,8 +354,8 @@ def test_nan_in_the_dynamics_names_the_state():
         initial=[-1.0],
     )
     assert told(ProblemError, lambda: ocp.compile_problem(problem)) == (
-        "dynamics of model 'tank', next 'h', phase 'run', node 0: value at the initial guess is not finite - got NaN, "
-        "expected finite numbers; move the guess or the term away from the singularity"
+        "dynamics of model 'tank' (HERE), next 'h', phase 'run', node 0: value at the initial guess is not finite - "
+        "got NaN, expected finite numbers; move the guess or the term away from the singularity"
     )
 
 
@@ -353,7 +366,111 @@ def test_nan_in_a_reset_map():
     )
 
 
+# ---- numbers that are none
+
+
+def test_what_is_no_number_is_refused_by_name():
+    track = ocp.track("z", weight="high", to=0.5)
+    assert told(ProblemError, lambda: ball(objective=CHEAP + track)) == (
+        "term 'track z' (HERE): weight is unusable - got 'high', expected numbers; give some"
+    )
+    assert told(ProblemError, lambda: ocp.track("z", to="high")) == (
+        "term 'track z' (HERE): target is unusable - got 'high', expected numbers; give some"
+    )
+    assert told(ProblemError, lambda: ocp.track(3)).startswith("term (HERE): not a quantity - got 3, expected one like")
+    bounds = ocp.Constraints(ocp.inequality(lambda s: s.z, lower="ground", name="g"))
+    assert told(ProblemError, lambda: ball(constraints=bounds)) == (
+        "constraint 'g' (HERE): lower bound is unusable - got 'ground', expected numbers; give some"
+    )
+    assert told(ProblemError, lambda: ocp.inequality(lambda s: s.z, name="g", unit="m", scale=0)) == (
+        "constraint 'g' (HERE): scale is out of range - got 0, expected a positive number [m]; give one"
+    )
+    assert told(ProblemError, lambda: ball(parameters={"mass": "heavy"})) == (
+        "problem (HERE): parameter 'mass' is unusable - got 'heavy', expected numbers; give some"
+    )
+    assert told(ProblemError, lambda: ball(parameters={"mass": np.nan})).startswith(
+        "problem (HERE), parameter 'mass': is not finite - got [nan]"
+    )
+
+
+def test_symbols_instead_of_numbers():
+    high = ocp.parameter("high", 2.0)
+    message = (
+        "got the symbol 'high', expected numbers; give some: they may change without anything being rebuilt, as an "
+        "ocp.parameter may"
+    )
+    assert told(ProblemError, lambda: ball(objective=CHEAP + ocp.track("z", weight=high))) == (
+        f"term 'track z' (HERE): weight is unusable - {message}"
+    )
+    bounds = ocp.Constraints(ocp.inequality(lambda s: s.z, upper=2 * high, name="g"))
+    assert told(ProblemError, lambda: ball(constraints=bounds)).startswith(
+        "constraint 'g' (HERE): upper bound is unusable - got a CasADi expression, expected numbers"
+    )
+
+
+def test_weights_by_name_of_the_wrong_size():
+    weights = {"FL": (1, 2), "FR": (1, 2, 3)}
+    assert told(ShapeError, lambda: robot(ocp.regularize(joints.velocity, weight=weights))) == (
+        "term 'regularize joints.velocity' (HERE): weight of 'FL' has the wrong size - got 2 entries, expected 1 or 3 "
+        "(FL_HAA, FL_HFE, FL_KFE); give one per component or a scalar"
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("high", ", keyframe: target 'z' is unusable - got 'high', expected numbers; give some"),
+        (np.inf, ": keyframe, target 'z': is not finite - got [inf], expected finite numbers; mend it"),
+    ],
+)
+def test_keyframes_that_are_no_numbers(value, message):
+    assert told(ProblemError, lambda: ball(ocp.Phase("drop", "fall", 0.4, {"z": value}))) == (
+        f"phase 'drop' (HERE){message}"
+    )
+
+
+def test_initial_state_without_an_orientation():
+    motion = ocp.Motion(ocp.Phase("stand", stance("FL FR HL HR"), 0.04))
+    assert told(ProblemError, lambda: ocp.Problem(motion, BODY.until_end(dt=0.02), STAND, initial=np.zeros(37))) == (
+        "problem (HERE): initial state has no 'base.orientation' - got a quaternion of zeros, expected one of unit "
+        "length, (1, 0, 0, 0) for none; build it with the model's state()"
+    )
+
+
+@pytest.mark.parametrize("t0", [np.nan, np.inf])
+def test_start_that_is_no_time(t0):
+    assert told(ProblemError, lambda: ball(t0=t0)).startswith("horizon: start is outside the motion - got t0 = ")
+
+
+def test_two_models_of_one_name():
+    other = models.WholeBody(CHEETAH, baumgarte=5.0)
+    assert told(ProblemError, lambda: robot(schedule=BODY.over(0.02, dt=0.02) + other.over(0.02, dt=0.02))) == (
+        "schedule (HERE): two models share a name - got 'mini_cheetah' twice, expected one model, or another name; use "
+        "one object, or give one of them name="
+    )
+    robot(schedule=BODY.over(0.02, dt=0.02) + BODY.over(0.02, dt=0.01))
+
+
 # ---- what applies nowhere
+
+
+def test_reset_after_which_nothing_follows():
+    reset = ocp.reset(lambda s: {"vz": 0.0})
+    last = ocp.Phase("rise", "fall", 0.2, reset=reset)
+    assert told(ProblemError, lambda: ball(DROP, last)) == (
+        "phase 'rise' (HERE): its reset applies nowhere - got the motion's last phase, expected another after it; add "
+        "one, or remove the reset"
+    )
+    motion = ocp.Motion(DROP, last).cycles(2)  # between the cycles it applies
+    ocp.compile_problem(ocp.Problem(motion, BALL.until_end(dt=0.02), CHEAP, initial=[1.0, 0.0]))
+
+
+def test_component_that_a_quantity_lacks():
+    row = ocp.Constraints(ocp.inequality(lambda s: s.joints.position["FL_KNEE"], name="knee"))
+    assert told(ProblemError, lambda: robot(constraints=row)).startswith(
+        "term 'knee' (HERE): applies nowhere - got quantity 'joints.position' of model 'mini_cheetah' has no component "
+        "'FL_KNEE'"
+    )
 
 
 def test_term_whose_quantity_no_model_has():
@@ -461,7 +578,8 @@ def test_parameter_that_is_no_number():
 
 def test_control_without_cost():
     assert told(ProblemError, lambda: ball(objective=ocp.Objective(ocp.track("z", to=0.5)))) == (
-        "model 'ball', mode 'fall': a control has no running cost - got none on 'thrust', expected at least a small "
+        "phase 'drop' (HERE), model 'ball', mode 'fall': a control has no running cost - got none on "
+        "'thrust', expected at least a small "
         "one; add ocp.regularize('thrust', weight=...) to the objective"
     )
 
@@ -473,7 +591,8 @@ def test_one_joint_without_cost():
     )
     problem = ocp.Problem(motion, BODY.until_end(dt=0.02), objective, initial=BODY.state())
     assert told(ProblemError, lambda: ocp.compile_problem(problem)).startswith(
-        "model 'mini_cheetah', mode 'contact': a control has no running cost - got none on 'joints.torque HR_KFE'"
+        "phase 'stand' (HERE), model 'mini_cheetah', mode 'contact': a control has no running cost - got none on "
+        "'joints.torque HR_KFE'"
     )
 
 
@@ -481,7 +600,8 @@ def test_the_small_model_s_forces_without_cost():
     """A cost that binds to the whole body alone leaves the rigid body's control free."""
     schedule = BODY.over(0.02, dt=0.02) + RIGID.over(0.02, dt=0.02)
     assert told(ProblemError, lambda: robot(schedule=schedule)).startswith(
-        "model 'mini_cheetah rigid body', mode 'contact': a control has no running cost - got none on 'feet.force FL "
+        "phase 'stand' (HERE), model 'mini_cheetah rigid body', mode 'contact': a control has no running cost - got "
+        "none on 'feet.force FL "
         "x', expected at least a small one; add ocp.regularize('feet.force', weight=...)"
     )
 
@@ -553,6 +673,33 @@ def test_functions_that_return_no_numbers():
     ) == ("term 'nothing' (HERE): the function returned no rows - got 0, expected at least one; return some")
 
 
+def test_functions_that_fail_name_the_line_that_failed():
+    def helper(value):
+        return value / 0
+
+    term = ocp.residual(lambda s: helper(1)).weighted(1.0, name="own")
+    assert told(ProblemError, lambda: ball(objective=CHEAP + term)) == (
+        "term 'own' (HERE): the function fails at HERE - got ZeroDivisionError: division by zero, expected an "
+        "expression made with CasADi's functions; mend it"
+    )
+    other = cs.MX.sym("other")
+    for function in (lambda s: s.z + other, lambda s: s.z[3], lambda s: 1 if s.z > 0 else 0):
+        row = ocp.Constraints(ocp.inequality(function, name="own"))
+        assert told(ProblemError, lambda row=row: ball(constraints=row)).startswith(
+            "term 'own' (HERE): the function fails at HERE - got "
+        )
+    reset = ocp.Phase("drop", "fall", 0.4, reset=ocp.reset(lambda s: {"vz": helper(1)}))
+    assert told(ProblemError, lambda: ball(reset, RISE)).startswith(
+        "phases 'drop' → 'rise' (HERE), reset (HERE): the function fails at HERE - got ZeroDivisionError"
+    )
+    model = ocp.Model("m", state={"z": 1}, modes={"go": lambda s: {"z": helper(1)}})
+    go = ocp.Motion(ocp.Phase("go", "go", 0.1))
+    problem = ocp.Problem(go, model.until_end(dt=0.1), ocp.Objective(ocp.track("z")), initial=[0.0])
+    assert told(ProblemError, lambda: ocp.compile_problem(problem)).startswith(
+        "model 'm' (HERE), mode 'go': the function fails at HERE - got ZeroDivisionError"
+    )
+
+
 def test_masks_that_are_none():
     row = ocp.inequality(lambda s: s.feet.height, mask=lambda s: s.feet.height, name="m")
     assert told(ProblemError, lambda: robot(constraints=ocp.Constraints(row))).startswith(
@@ -590,6 +737,25 @@ def test_model_without_derivatives():
     assert told(ProblemError, lambda: solvers.MSiLQR(problem)) == f"schedule (HERE){expected}"
     compiled = ocp.compile_problem(problem)
     assert told(ProblemError, lambda: solvers.MSiLQR(compiled)) == f"phase 'go' (HERE){expected}"
+
+
+def test_a_solver_wants_a_problem():
+    assert told(SolverError, lambda: solvers.MSiLQR("roll")) == (
+        "MSiLQR: not a problem - got str, expected an ocp.Problem; declare one"
+    )
+
+
+def test_only_like_follows_like():
+    assert told(ProblemError, lambda: ocp.Motion(DROP) + RISE) == (
+        "motion (HERE): can be followed by a motion only - got Phase, expected an ocp.Motion; make one of it"
+    )
+    assert told(ProblemError, lambda: BODY.over(0.1, dt=0.01) + RIGID) == (
+        "schedule (HERE): can be followed by a schedule only - got SingleRigidBody, expected that of a model; write "
+        "model.over(duration, dt) or model.until_end(dt)"
+    )
+    assert told(ProblemError, lambda: BALL.until_end(dt="0.1")).startswith(
+        "schedule (HERE), model 'ball': dt is out of range - got '0.1'"
+    )
 
 
 def test_problem_of_the_wrong_kinds():

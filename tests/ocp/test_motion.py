@@ -65,9 +65,9 @@ def test_nothing_follows_an_endless_motion():
         GAIT + STEP
 
 
-@pytest.mark.parametrize("n", [0, -1])
+@pytest.mark.parametrize("n", [0, -1, 1.5])
 def test_cycles_are_at_least_one(n):
-    with pytest.raises(ProblemError, match=rf"cycles is out of range - got {n}, expected at least 1"):
+    with pytest.raises(ProblemError, match=rf"cycles is out of range - got {n}, expected a whole number, at least 1"):
         GAIT.cycles(n)
 
 
@@ -121,6 +121,41 @@ def test_until_holds_at_the_end_of_the_phase():
     (row,) = ocp.Phase("a", "go", 0.1, until=touch).until
     assert (row.at, touch.at) == ("phase_end", "running")
     assert row.source == touch.source
+
+
+def test_keyframes_beside_another_reference_are_refused():
+    phase = ocp.Phase("a", "go", 0.1, {"z": 1})
+    reference = ocp.FromArrays([0, 1], {"z": [0, 1]})
+    with pytest.raises(
+        ProblemError, match=r"phase 'a' \(.*\): its keyframe applies nowhere - got a motion that follows FromArrays"
+    ):
+        ocp.Motion(phase, reference=reference)
+    with pytest.raises(ProblemError, match=r"reference is unusable - got 3, expected one like ocp\.FromArrays"):
+        ocp.Motion(ocp.Phase("a", "go", 0.1), reference=3)
+    (piece,) = ocp.Motion(ocp.Phase("a", "go", 0.1), reference=reference).pieces
+    assert [quantity.path for quantity in reference.columns] == ["z"]
+    assert piece.reference is reference
+
+
+def test_until_is_an_equality():
+    inequality = ocp.inequality(lambda s: s.z, name="above")
+    with pytest.raises(ProblemError, match=r"until is no switching constraint - got the inequality 'above', expected"):
+        ocp.Phase("a", "go", 0.1, until=inequality)
+    with pytest.raises(ProblemError, match=r"until is no switching constraint - got function, expected an ocp.equal"):
+        ocp.Phase("a", "go", 0.1, until=lambda s: s.z)
+
+
+def test_a_phase_takes_single_terms_of_its_own():
+    cost, row = ocp.track("z"), ocp.inequality(lambda s: s.z)
+    phase = ocp.Phase("a", "go", 0.1, objective=cost, constraints=row)
+    assert (phase.objective.terms, phase.constraints.terms) == ((cost,), (row,))
+    with pytest.raises(ProblemError, match=r"not a term - got the inequality 'inequality'"):
+        ocp.Phase("a", "go", 0.1, objective=row)
+
+
+def test_a_phase_has_a_name():
+    with pytest.raises(ProblemError, match=r"name is unusable - got 3, expected some text"):
+        ocp.Phase(3, "go", 0.1)
 
 
 def test_from_trajectory_keeps_phases_modes_and_durations():

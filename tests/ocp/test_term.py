@@ -136,7 +136,7 @@ def test_sets_refuse_what_is_no_term():
         ocp.Objective(height)
     with pytest.raises(
         ProblemError,
-        match=r"constraints \(.*\): not a term - got .*Cost.*, expected a Constraint; make it with ocp\.inequality",
+        match=r"constraints \(.*\): not a term - got the cost .track z. .*, expected a Constraint; make it with",
     ):
         ocp.Constraints(ocp.track("z"))
 

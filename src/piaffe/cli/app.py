@@ -97,7 +97,7 @@ def solve(
 
     from .reports import as_json, print_solution, solution_values
 
-    problem = load_problem(file)
+    problem = load_problem(file, quiet=json)
     given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit_s": time_limit}
     settings = replace(Options(), **{key: value for key, value in given.items() if value is not None})
     start = None if warm_start is None else Solution.load(warm_start)
@@ -129,7 +129,7 @@ def verify(solution: Saved, file: File, json: Json = False) -> None:
     from .reports import as_json, print_verification, verification_values
 
     trajectory = Solution.load(solution).trajectory
-    compiled = compile_problem(load_problem(file), checks=False)
+    compiled = compile_problem(load_problem(file, quiet=json), checks=False)
     result = recompute(compiled, trajectory)
     values = verification_values(compiled, trajectory, result)
     if json:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 import traceback
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -15,18 +16,23 @@ if TYPE_CHECKING:
     from piaffe.ocp import Problem
 
 
-def load_problem(spec: str) -> Problem:
+def load_problem(spec: str, *, quiet: bool = False) -> Problem:
     """Return the problem of ``FILE`` or ``FILE:name``: an object of that name, or a function that returns one.
 
     Args:
         spec: a Python file, and after a colon the name; ``problem`` without it.
+        quiet: let what the file prints go to standard error, so that standard output stays ours.
 
     Raises:
         ProblemError: there is no such file, it does not run, or what it holds under the name is no problem.
     """
+    with redirect_stdout(sys.stderr) if quiet else nullcontext():
+        return _load(*split(spec))
+
+
+def _load(path: Path, name: str) -> Problem:
     from piaffe.ocp import Problem
 
-    path, name = split(spec)
     module = run(path)
     if not hasattr(module, name):
         raise UnknownNameError(f"file '{path}'", "problem", name, candidates(module))

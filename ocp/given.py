@@ -1,0 +1,79 @@
+"""What users give: numbers that must be numbers, and functions that may fail; errors say whose they are and where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import PiaffeError, ProblemError
+
+Array = NDArray[np.float64]
+
+
+def numbers_of(value: Any, where: str, what: str) -> Array:
+    """Return what a user gave as an array of at least one dimension.
+
+    Args:
+        value: what was given.
+        where: the declaration, for the message.
+        what: which of its entries, for the message.
+
+    Raises:
+        ProblemError: it is no number, and no array of numbers.
+    """
+    if isinstance(value, cs.SX | cs.MX):
+        got = f"the symbol '{value}'" if value.is_scalar() and value.is_symbolic() else "a CasADi expression"
+        raise ProblemError(
+            f"{where}: {what} is unusable - got {got}, expected numbers; give some: they may change without anything "
+            "being rebuilt, as an ocp.parameter may"
+        )
+    try:
+        return np.atleast_1d(np.asarray(value, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise ProblemError(f"{where}: {what} is unusable - got {value!r}, expected numbers; give some") from error
+
+
+def brief(value: object) -> str:
+    """Return what a user gave instead of something else, in a few words."""
+    text = repr(value)
+    return text if len(text) < 40 else type(value).__name__
+
+
+def call(function: Callable[..., Any], where: str, *arguments: Any, **named: Any) -> Any:
+    """Return what a user's function returns; an error in it names the declaration and the line that failed.
+
+    Args:
+        function: the function.
+        where: the declaration that it belongs to, for the message.
+        arguments: its arguments.
+        named: its keyword arguments.
+
+    Raises:
+        ProblemError: the function fails.
+    """
+    try:
+        return function(*arguments, **named)
+    except PiaffeError:
+        raise
+    except Exception as error:
+        text = " ".join(str(error).split())
+        raise ProblemError(
+            f"{where}: the function fails{_line(error)} - got {type(error).__name__}: {text}, expected an expression "
+            "made with CasADi's functions; mend it"
+        ) from error
+
+
+def _line(error: Exception) -> str:
+    """Return the last line outside Piaffe and installed packages that was running, in words."""
+    line, trace = "", error.__traceback__
+    while trace is not None:
+        code, module = trace.tb_frame.f_code, trace.tb_frame.f_globals.get("__name__", "")
+        if not module.startswith("piaffe.") and "site-packages" not in code.co_filename:
+            line = f" at {Path(code.co_filename).name}:{trace.tb_lineno}"
+        trace = trace.tb_next
+    return line
