@@ -37,7 +37,9 @@ class _Structure:
     progress: Progress | None = field(compare=False)
 
 
-def library_for(problem: CompiledProblem, *, width: int | None = None, progress: Progress | None = None) -> tuple[Library, bool]:
+def library_for(
+    problem: CompiledProblem, *, width: int | None = None, progress: Progress | None = None
+) -> tuple[Library, bool]:
     """Return the library of a problem's modes, and whether this call had to compile it.
 
     Args:

@@ -124,7 +124,11 @@ def _elimination(K: cs.Sparsity, first: int) -> tuple[list[int], list[list[int]]
         order.append(pick)
     at = {unknown: place for place, unknown in enumerate(order)}
     rows = [sorted(at[j] for j in pattern[i]) for i in order]
-    return order, [[k for k in row if k < i] for i, row in enumerate(rows)], [[k for k in row if k > i] for i, row in enumerate(rows)]
+    return (
+        order,
+        [[k for k in row if k < i] for i, row in enumerate(rows)],
+        [[k for k in row if k > i] for i, row in enumerate(rows)],
+    )
 
 
 def _elimination_tables(K: cs.Sparsity, first: int) -> list[str]:
@@ -200,6 +204,8 @@ def _link_source(number: int, link: LoweredTransition, own: Mapping[str, cs.Func
     K, reset_d = own["implicit"].sparsity_out(0), own["reset_d"]
     first = link.source.definite_size(link.key) if link.nz else 0
     place = _place(K, first)
-    lines += _elimination_tables(K, first) + _table("K", K, place, place) + _table("r_x", reset_d.sparsity_out(0), place)
+    lines += (
+        _elimination_tables(K, first) + _table("K", K, place, place) + _table("r_x", reset_d.sparsity_out(0), place)
+    )
     lines += _table("d_x", reset_d.sparsity_out(1)) + _table("d_z", reset_d.sparsity_out(2), None, place)
     return "\n".join([*lines, '#include "link.inc"', ""])
