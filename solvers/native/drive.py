@@ -22,10 +22,9 @@ _DUALS = ("relaxation", "shift", "multiplier", "penalty")
 
 
 def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], None] | None) -> Status:
-    """Run the compiled solver from a run's iterate and outer state; they and its history are the end's afterwards.
+    """Run the compiled solver from a run's iterate and duals, which are the end's afterwards, as is its history.
 
-    With a report, or on the main thread, the solver runs in a thread of its own, so that its log can be shown and Ctrl-C can
-    stop it.
+    The solver runs in a thread of its own, so that its log can be shown and Ctrl-C can stop it.
     """
     c, outer = machine.c, run.outer
     _write(machine, run)
@@ -79,7 +78,7 @@ def _records(machine: Machine, history: list[Record], report: Callable[[Record],
     """Append the records that the solver has finished since the last call."""
     for j in range(len(history), machine.c.num_records):
         row: s.Record = machine.history[j]
-        values = {name: getattr(row, name) for name, _ in s.Record._fields_}
+        values = {name: getattr(row, name) for name in s.RECORD}
         values["iteration"] = int(values["iteration"])
         history.append(Record(**values))
         if report is not None:

@@ -1,4 +1,4 @@
-"""Libraries: the compiled solver of a set of modes, built or found once per process and shared by every problem of it."""
+"""Libraries: the compiled solver of a set of modes, built or found once per process, shared by all its problems."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import CompiledPhase, CompiledProblem
+from piaffe.ocp import CompiledProblem
 
 from ..options import Options
 from . import structs as s
@@ -49,7 +49,7 @@ class Machine:
         self.c.history = self.history
         most = max([1] + [sum(map(len, mode.rows.values())) for mode in modes])
         self.c.slope, self.c.curvature = (self._pointer(self._array(most * width)) for _ in range(2))
-        for name, _ in s.Options._fields_:
+        for name in s.OPTIONS:
             value = getattr(options, name)
             setattr(self.c.options, name, 0.0 if value is None else value)
 
@@ -158,7 +158,9 @@ class Machine:
         if kind == "link":
             return phase.p_transition if name == "p" else np.zeros(0)
         if kind == "stage":
-            return {"p": phase.p, "weight": phase.weight, "g_mask": phase.g_mask, "h_mask": phase.h_mask}[name][k]
+            table = {"p": phase.p, "weight": phase.weight, "g_mask": phase.g_mask, "h_mask": phase.h_mask}[name]
+            row: Array = table[k]
+            return row
         return {
             "p": phase.p_end, "weight": phase.end_weight, "g_mask": phase.end_g_mask, "h_mask": phase.end_h_mask
         }[name]  # fmt: skip

@@ -101,8 +101,8 @@ def _contracted(J: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
 def _elimination(K: cs.Sparsity, first: int) -> tuple[list[int], list[list[int]], list[list[int]]]:
     """Return an order of elimination, and per permuted row the entries of L and U with the fill it leaves.
 
-    The ``first`` unknowns, a definite block, go in the order of least degree on the pattern of K + Kᵀ; the others follow as
-    they come.
+    The ``first`` unknowns, a definite block, go in the order of least degree on the pattern of K + Kᵀ; the others
+    follow as they come.
     """
     n = K.size1()
     links: dict[int, set[int]] = {i: set() for i in range(n)}

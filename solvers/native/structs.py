@@ -8,50 +8,53 @@ from typing import Any
 
 Doubles = ct.POINTER(ct.c_double)
 
+_NUMBERS = [
+    "max_defect", "max_equality", "max_inequality", "cost_tolerance", "barrier_weight", "barrier_factor", "barrier_gap",
+    "min_barrier_weight", "relaxation", "max_stiffness", "penalty", "penalty_factor", "max_penalty", "armijo",
+    "merit_margin", "merit_offset", "step_shrink", "min_step", "regularization", "max_regularization", "time_limit_s",
+]  # fmt: skip
+_COUNTS = ["max_iterations", "max_inner", "corrections"]
+OPTIONS = _NUMBERS + _COUNTS
+RECORD = [
+    "iteration", "cost", "merit", "expected", "max_defect", "max_equality", "max_inequality", "step_size",
+    "regularization", "barrier_weight", "wall_s",
+]  # fmt: skip
+_OF_PHASE = [
+    "x", "u", "xt", "ut", "x_next", "start", "d", "dt_trial", "D", "grad", "H", "end_grad", "end_H", "P", "dx", "du", "k", "K",
+    "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
+]  # fmt: skip
+_OF_BLOCK = [
+    "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "relaxation", "shift",
+    "multiplier", "penalty",
+]  # fmt: skip
+_OF_SOLVE = ["weight", "rho", "least_rho", "regularization_now", "cost", "last_equality", "last_cost", "last_violation"]
+_COUNTERS = ["inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains"]
+
 
 class Options(ct.Structure):
     """Options, in the order of the header."""
 
-    _fields_ = [
-        (name, ct.c_double)
-        for name in (
-            "max_defect max_equality max_inequality cost_tolerance barrier_weight barrier_factor barrier_gap "
-            "min_barrier_weight relaxation max_stiffness penalty penalty_factor max_penalty armijo merit_margin merit_offset "
-            "step_shrink min_step regularization max_regularization time_limit_s"
-        ).split()
-    ] + [(name, ct.c_int) for name in ("max_iterations", "max_inner", "corrections")]
+    _fields_ = [*((name, ct.c_double) for name in _NUMBERS), *((name, ct.c_int) for name in _COUNTS)]
 
 
 class Record(ct.Structure):
     """One iteration."""
 
-    _fields_ = [
-        (name, ct.c_double)
-        for name in (
-            "iteration cost merit expected max_defect max_equality max_inequality step_size regularization barrier_weight wall_s"
-        ).split()
-    ]
+    _fields_ = [(name, ct.c_double) for name in RECORD]
 
 
 class Phase(ct.Structure):
     """One phase."""
 
 
-ARRAYS_OF_PHASE = (
-    "x u xt ut x_next start d dt_trial D grad H end_grad end_H P dx du k K V_x V_xx Q_x Q_u Q_xx Q_ux Q_uu"
-).split()
 Phase._fields_ = [
     ("mode", ct.c_void_p),
     ("N", ct.c_int),
     ("dt", ct.c_double),
-    *((name, Doubles) for name in ARRAYS_OF_PHASE),
+    *((name, Doubles) for name in _OF_PHASE),
     ("keep", ct.c_int),
     ("next", ct.POINTER(Phase)),
 ]
-
-ARRAYS_OF_BLOCK = (
-    "p weight g_mask h_mask z residual g h z0 residual0 g0 h0 relaxation shift multiplier penalty"
-).split()
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ def structs(width: int) -> Structs:
             ("phase", ct.c_int * width),
             ("index", ct.c_int * width),
             ("dt", ct.c_double * width),
-            *((name, Doubles) for name in ARRAYS_OF_BLOCK),
+            *((name, Doubles) for name in _OF_BLOCK),
         ]
 
     class Group(ct.Structure):
@@ -100,13 +103,8 @@ def structs(width: int) -> Structs:
             ("cancel", ct.c_int),
             ("slope", Doubles),
             ("curvature", Doubles),
-            *(
-                (name, ct.c_double)
-                for name in (
-                    "weight rho least_rho regularization_now cost last_equality last_cost last_violation".split()
-                )
-            ),
-            *((name, ct.c_int) for name in "inner unmoved has_last_cost has_inequalities num_gains".split()),
+            *((name, ct.c_double) for name in _OF_SOLVE),
+            *((name, ct.c_int) for name in _COUNTERS),
             ("gains", ct.c_double * 8),
         ]
 
