@@ -2,7 +2,8 @@
 
    Comparisons and logical operations give 0.0 or 1.0 in each lane, and any other number but zero counts as true.
    Memory of vd is aligned to its size. Compile without -ffast-math; -ffp-contract=fast, -fno-math-errno and
-   -fno-trapping-math are fine. */
+   -fno-trapping-math are fine. With AVX, gcc at -O1 wants -fexpensive-optimizations (-O2 has it): without it no
+   vzeroupper stands before calls of the C library, and each takes twenty times as long. */
 #ifndef PIAFFE_LANES_H
 #define PIAFFE_LANES_H
 
@@ -18,6 +19,7 @@
 #if PIAFFE_W == 1
 typedef double vd;
 typedef long long vi;
+typedef unsigned long long vu;
 #define K(c) ((double)(c))
 #define LANE_OF(v, i) (v)
 LANE vi lane_bits(vd a) { union { vd d; vi i; } u; u.d = a; return u.i; }
@@ -26,6 +28,7 @@ LANE vd lane_from(vi a) { union { vd d; vi i; } u; u.i = a; return u.d; }
 #else
 typedef double vd __attribute__((vector_size(8 * PIAFFE_W)));
 typedef long long vi __attribute__((vector_size(8 * PIAFFE_W)));
+typedef unsigned long long vu __attribute__((vector_size(8 * PIAFFE_W)));
 #define K(c) ((double)(c) - (vd){0.0}) /* minus, not plus: it keeps the sign of zero */
 #define LANE_OF(v, i) (v)[i]
 LANE vi lane_bits(vd a) { return (vi)a; }
@@ -102,8 +105,8 @@ LANE void lane_fill(vd *restrict r, int n, vd a)
 
 /* ---- sine and cosine, of all lanes together
 
-   x = n pi/2 + r with |r| <= pi/4; pi/2 in three parts of 33 bits and less, so that n times a part is exact for |n| < 2^20.
-   Then the minimax polynomials of the usual double-precision kernels. Error below 1e-15 for |x| < 1e5; infinite x give
+   x = n pi/2 + r with |r| <= pi/4; pi/2 in three parts of 33 bits and less, so that n times a part is exact for
+   |n| < 2^20. Then the minimax polynomials of the usual double-precision kernels. Error below 1e-15 for |x| < 1e5; infinite x give
    NaN, and beyond 1e15 nothing is promised. */
 LANE_CALL void lane_sincos(vd x, vd *sine, vd *cosine)
 {
@@ -125,8 +128,8 @@ LANE_CALL void lane_sincos(vd x, vd *sine, vd *cosine)
     const vd cos_r = head + (((K(1.0) - head) - half) + (z * z) * c);
     const vi quadrant = lane_bits(shifted);
     const vi odd = -(quadrant & 1);
-    *sine = lane_from(lane_bits(lane_select(odd, cos_r, sin_r)) ^ ((quadrant & 2) << 62));
-    *cosine = lane_from(lane_bits(lane_select(odd, sin_r, cos_r)) ^ (((quadrant + 1) & 2) << 62));
+    *sine = lane_from(lane_bits(lane_select(odd, cos_r, sin_r)) ^ (vi)((vu)(quadrant & 2) << 62));
+    *cosine = lane_from(lane_bits(lane_select(odd, sin_r, cos_r)) ^ (vi)((vu)((quadrant + 1) & 2) << 62));
 }
 
 /* ---- inverse tangent, of all lanes together: error below 1e-15 relative; of two infinities NaN
@@ -146,7 +149,8 @@ LANE_CALL vd lane_atan2(vd y, vd x)
     const vd t = lane_select(far, lo - hi, lo) / lane_select(far, lo + hi, below);
     const vd z = t * t;
     const vd p = K(-6.485021904942025371773e+01) + z * (K(-1.228866684490136173410e+02)
-        + z * (K(-7.500855792314704667340e+01) + z * (K(-1.615753718733365076637e+01) + z * K(-8.750608600031904122785e-01))));
+        + z * (K(-7.500855792314704667340e+01) + z * (K(-1.615753718733365076637e+01)
+        + z * K(-8.750608600031904122785e-01))));
     const vd q = K(1.945506571482613964425e+02) + z * (K(4.853903996359136964868e+02)
         + z * (K(4.328810604912902668951e+02) + z * (K(1.650270098316988542046e+02)
         + z * (K(2.485846490142306297962e+01) + z))));

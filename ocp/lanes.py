@@ -12,6 +12,18 @@ For each function NAME::
 with ``arg[i][k]`` nonzero k of input i and ``res[i][k]`` nonzero k of output i, both column by column, and
 ``w[NAME_SZ_W]``. All are aligned to the size of vd, none overlap, none may be null unless it has no nonzeros.
 Reentrant.
+
+Measured on the functions of a quadruped's contact mode (17 700 operations in ``stage_d``, 7 700 in ``implicit``; one
+core with AVX-512, gcc 12, ``-O2 -march=native -ffp-contract=fast -fno-math-errno -fno-trapping-math``), microseconds
+per node::
+
+    lanes                                8      4      1
+    stage_d, sparsified                0.62   0.94    3.6
+    implicit                           0.21   0.37    1.5
+    stage_d, dense (5 times as many stores)  3.1
+
+All functions of the mode compile in 3 s of one core. Time hardly depends on the size of chunks (200 to 1500) nor on the
+flags (-O1 to -O3); what counts is how many values are alive, and the zeros that are not stored.
 """
 
 from __future__ import annotations
