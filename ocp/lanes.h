@@ -106,8 +106,8 @@ LANE void lane_fill(vd *restrict r, int n, vd a)
 /* ---- sine and cosine, of all lanes together
 
    x = n pi/2 + r with |r| <= pi/4; pi/2 in three parts of 33 bits and less, so that n times a part is exact for
-   |n| < 2^20. Then the minimax polynomials of the usual double-precision kernels. Error below 1e-15 for |x| < 1e5; infinite x give
-   NaN, and beyond 1e15 nothing is promised. */
+   |n| < 2^20. Then the minimax polynomials of the usual double-precision kernels. Error below 1e-15 for |x| < 1e5;
+   infinite x give NaN, and beyond 1e15 nothing is promised. */
 LANE_CALL void lane_sincos(vd x, vd *sine, vd *cosine)
 {
     const vd magic = K(6755399441055744.0); /* 1.5 2^52: the sum's low bits are the nearest integer */

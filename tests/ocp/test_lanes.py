@@ -319,7 +319,7 @@ def shipped() -> dict[str, cs.Function]:
     for phase in compiled.phases:
         groups = {phase.mode.model.name + "_" + phase.mode.key: phase.mode.functions}
         if phase.transition is not None:
-            groups[f"{phase.mode.model.name}_to_{phase.transition.target.name}"] = phase.transition.functions
+            groups["transition"] = phase.transition.functions  # the last one, between the models, is the longest
         for group, members in groups.items():
             prefix = "".join(c if c.isalnum() else "_" for c in group)
             functions |= {f"{prefix}_{name}": lanes.sparsified(function) for name, function in members.items()}
