@@ -24,7 +24,8 @@ _DUALS = ("relaxation", "shift", "multiplier", "penalty")
 def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], None] | None) -> Status:
     """Run the compiled solver from a run's iterate and duals, which are the end's afterwards, as is its history.
 
-    The solver runs in a thread of its own, so that its log can be shown and Ctrl-C can stop it.
+    The solver runs in a thread of its own, so that its log can be shown and Ctrl-C can stop it. However this function
+    ends, the solver has stopped by then.
     """
     c, outer = machine.c, run.outer
     _write(machine, run)
@@ -34,19 +35,34 @@ def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], 
     worker = threading.Thread(
         target=lambda: result.append(machine.library.piaffe_solve(ct.byref(c), int(resumed))), daemon=True
     )
-    worker.start()
+    interrupted = False
     try:
-        while worker.is_alive():
+        worker.start()
+        alive = True
+        while alive:  # once more after the end, for the records of a solve shorter than a poll
             worker.join(_POLL_S)
+            alive = worker.is_alive()
             _records(machine, run.history, report)
     except KeyboardInterrupt:
-        c.cancel = 1
-        worker.join()
-        result[:] = [_STATUS.index(Status.INTERRUPTED)]
+        interrupted = True
+    finally:
+        interrupted |= _stop(machine, worker)
     _records(machine, run.history, None)
-    status = _STATUS[result[0]]
-    _read(machine, run, accepted=status is not Status.NOT_FINITE)
-    return status
+    ended = _STATUS[result[0]] if result else Status.INTERRUPTED
+    _read(machine, run, accepted=bool(result) and ended is not Status.NOT_FINITE)
+    return Status.INTERRUPTED if interrupted else ended
+
+
+def _stop(machine: Machine, worker: threading.Thread) -> bool:
+    """Stop the solver and wait for it, however often Ctrl-C is pressed meanwhile; return whether it was."""
+    interrupted = False
+    machine.c.cancel = 1
+    while worker.is_alive():
+        try:
+            worker.join()
+        except KeyboardInterrupt:
+            interrupted = True
+    return interrupted
 
 
 def _write(machine: Machine, run: Run) -> None:
