@@ -319,7 +319,7 @@ def shipped() -> dict[str, cs.Function]:
     for phase in compiled.phases:
         groups = {phase.mode.model.name + "_" + phase.mode.key: phase.mode.functions}
         if phase.transition is not None:
-            groups["transition"] = phase.transition.functions  # the last one, between the models, is the longest
+            groups["transition"] = phase.transition.functions  # of several the last, between the models
         for group, members in groups.items():
             prefix = "".join(c if c.isalnum() else "_" for c in group)
             functions |= {f"{prefix}_{name}": lanes.sparsified(function) for name, function in members.items()}
@@ -328,9 +328,7 @@ def shipped() -> dict[str, cs.Function]:
 
 @pytest.mark.parametrize("width", WIDTHS)
 def test_functions_of_the_shipped_models_agree_with_casadi(shipped, width, tmp_path):
-    library = Library(
-        {name: lanes.sparsified(function) for name, function in shipped.items()}, width, tmp_path / "c", chunk=300
-    )
+    library = Library(shipped, width, tmp_path / "c", chunk=300)
     rng = np.random.default_rng(width)
     for name in library.functions:
         for _ in range(max(1, 4 // width)):
