@@ -10,4 +10,5 @@ from .drive import drive as drive
 from .library import library_for as library_for
 from .machine import Machine as Machine
 from .start import Backend as Backend
+from .start import NoCompilerWarning as NoCompilerWarning
 from .start import native_machine as native_machine

@@ -90,11 +90,13 @@ def solve(
     max_iterations: Annotated[int | None, typer.Option(min=1, help="Stop after so many iterations.")] = None,
     time_limit: Annotated[float | None, typer.Option(help="Stop after so many seconds.")] = None,
     warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Begin from a saved solution.")] = None,
+    backend: Annotated[str, typer.Option(help="native (compiled C) or numpy (the readable reference).")] = "native",
 ) -> None:
     """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
-    from piaffe.solvers import MSiLQR, Options, Solution
+    from piaffe.solvers import Options, Solution
     from piaffe.solvers.progress import LiveTable
 
+    from .building import start_solver
     from .reports import as_json, print_solution, solution_values
 
     problem = load_problem(file, quiet=json)
@@ -102,7 +104,7 @@ def solve(
     settings = replace(Options(), **{key: value for key, value in given.items() if value is not None})
     start = None if warm_start is None else Solution.load(warm_start)
     began = time.perf_counter()
-    solver = MSiLQR(problem, settings)
+    solver = start_solver(problem, settings, backend)
     if json:
         solution = solver.solve(start)
     else:

@@ -1,0 +1,106 @@
+"""What the benchmarks share: where and when they ran, machines at an iterate, and how their results are told."""
+
+from __future__ import annotations
+
+import ctypes as ct
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from piaffe import ocp, solvers
+from piaffe.solvers.native import Built, Machine, library_for
+from piaffe.solvers.native.build import EXPRESSION_FLAGS
+from piaffe.solvers.native.cpu import this_cpu
+from piaffe.solvers.native.library import KERNEL_FLAGS
+from piaffe.solvers.outer import Outer
+
+RESULTS = Path(__file__).with_name("results")
+PARTS = ("evaluation", "sums", "derivatives", "backward", "forward")
+"""What ``piaffe_profile`` times: dynamics and rows of a trial; its cost, merit and defects; the linear-quadratic model
+with derivatives and contact solves; Riccati sweep; linear roll-out."""
+
+
+def surroundings(widest: Built | None = None) -> dict[str, Any]:
+    """Return date, machine and versions, and how the native backend was built."""
+    here: dict[str, Any] = {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "processor": str(this_cpu()),
+        "cores": os.cpu_count(),
+        "load": [round(x, 2) for x in os.getloadavg()],
+        "python": platform.python_version(),
+        "casadi": version("casadi"),
+        "numpy": np.__version__,
+        "commit": _commit(),
+    }
+    if widest is not None:
+        here |= {
+            "compiler": widest.compiler, "native": this_cpu().native,
+            "expression_flags": " ".join(EXPRESSION_FLAGS), "kernel_flags": " ".join(KERNEL_FLAGS),
+        }  # fmt: skip
+    return here
+
+
+def _commit() -> str:
+    told = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=Path(__file__).parent,
+        check=False,
+    )  # fmt: skip
+    return told.stdout.strip()
+
+
+def machine_at(
+    problem: ocp.CompiledProblem,
+    width: int | None = None,
+    states: Sequence[np.ndarray] | None = None,
+    controls: Sequence[np.ndarray] | None = None,
+) -> Machine:
+    """Return a machine whose accepted iterate is the given one (by default the initial guess), with its model and sweep."""
+    options = solvers.Options(max_iterations=1)
+    machine = Machine(problem, library_for(problem, width=width)[0], options)
+    duals = Outer(problem, options).duals
+    for name in ("relaxation", "shift", "multiplier", "penalty"):
+        machine.write_rows(name, "stage", [getattr(d, name) for d in duals])
+        machine.write_rows(name, "end", [getattr(d, f"end_{name}") for d in duals])
+    for i, phase in enumerate(problem.phases):
+        machine.trial(i, "x")[:] = (phase.guess_states if states is None else states[i]).ravel()
+        machine.trial(i, "u")[:] = (phase.guess_controls if controls is None else controls[i]).ravel()
+    machine.c.options.max_iterations = 0  # evaluate, accept, linearise, sweep, and no step
+    machine.library.piaffe_solve(ct.byref(machine.c), 0)
+    return machine
+
+
+def profile(machine: Machine, repetitions: int = 1) -> dict[str, float]:
+    """Return the least seconds of each part of an iteration."""
+    seconds = (ct.c_double * len(PARTS))()
+    machine.library.piaffe_profile(ct.byref(machine.c), repetitions, seconds)
+    return dict(zip(PARTS, seconds, strict=True))
+
+
+def iteration(parts: Mapping[str, float]) -> float:
+    """Return an iteration with one trial: the model there, sweep, roll-out, and the trial's evaluation."""
+    return sum(parts[name] for name in PARTS)
+
+
+def middle(samples: Sequence[Mapping[str, float]], scale: float, digits: int = 3) -> dict[str, dict[str, float]]:
+    """Return median and least value of each entry over samples, times a scale."""
+    return {
+        name: {
+            "median": round(scale * median(s[name] for s in samples), digits),
+            "least": round(scale * min(s[name] for s in samples), digits),
+        }
+        for name in samples[0]
+    }
+
+
+def tell(results: Mapping[str, Any], as_json: bool, lines: Sequence[str]) -> None:
+    """Print results as JSON, or as a table."""
+    print(json.dumps(results, indent=1) if as_json else "\n".join(lines))

@@ -1,0 +1,36 @@
+"""Starting a solver from the command line: what is compiled is shown, and a missing compiler is told in one line."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+
+from rich.console import Console
+
+from piaffe.ocp import Problem
+from piaffe.solvers import MSiLQR, Options
+from piaffe.solvers.native import NoCompilerWarning
+
+
+def start_solver(problem: Problem, options: Options, backend: str) -> MSiLQR:
+    """Return a solver; while it compiles, stderr says how far it is.
+
+    Args:
+        problem: the problem.
+        options: options.
+        backend: ``"native"`` or ``"numpy"``.
+    """
+    console = Console(stderr=True)
+    with console.status("") as status, warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", NoCompilerWarning)
+
+        def show(done: int, steps: int, what: str) -> None:
+            status.update(f"compiling for this machine, once: {done} of {steps} ({what})")
+
+        solver = MSiLQR(problem, options, backend=backend, building=show)  # type: ignore[arg-type]  # checked there
+    for warning in caught:
+        if issubclass(warning.category, NoCompilerWarning):
+            print(warning.message, file=sys.stderr)
+        else:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    return solver

@@ -1,0 +1,369 @@
+"""The solver in C makes the iterates of the one in NumPy, and stops, fails and repeats itself as it does."""
+
+import shutil
+import subprocess
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import _thread
+import numpy as np
+import pytest
+
+from piaffe import models, ocp
+from piaffe.models import base, feet, joints, stance
+from piaffe.ocp import CompiledProblem, compile_problem
+from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
+from piaffe.solvers.native import Machine, NoCompilerError, compilers, library_for, start
+from piaffe.solvers.native.program import program
+from piaffe.solvers.native.start import NoCompilerWarning
+
+from ...problems import PROBLEMS, linear_quadratic
+
+GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
+pytestmark = pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
+
+ENDLESS = Options(max_defect=1e-300, max_inner=10**9, max_iterations=400_000)
+"""No defect is small enough, so that a solve takes seconds."""
+
+
+def landing() -> ocp.Problem:
+    """Mini Cheetah falls on its feet, at first with all its joints, then as a rigid body."""
+    robot = models.load("mini_cheetah")
+    body, rigid = models.WholeBody(robot), models.SingleRigidBody(robot)
+    motion = ocp.Motion(
+        ocp.Phase("fall", stance(""), 0.06, ocp.Keyframe(position=(0, 0, 0.3), joints="stand")),
+        ocp.Phase("land", stance("FL FR HL HR"), 0.16, ocp.Keyframe(position=(0, 0, 0.28), joints="stand")),
+    )
+    objective = ocp.Objective(
+        ocp.track(base.position, weight=(1, 1, 30)), ocp.track(base.orientation, weight=2.0),
+        ocp.track(base.linear_velocity, weight=1.0), ocp.track(base.angular_velocity, weight=1.0),
+        ocp.track(joints.position, weight=1.0), ocp.track(joints.velocity, weight=0.05),
+        ocp.regularize(joints.torque, weight=0.02), ocp.regularize(feet.force, weight=1e-4),
+    )  # fmt: skip
+    limits = ocp.Constraints(
+        models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits(), models.foot_clearance(minimum=0.0)
+    )
+    schedule = body.over(0.12, dt=0.01) + rigid.over(0.10, dt=0.05).without(limits)
+    return ocp.Problem(motion, schedule, objective, limits, initial=body.state(joints="stand"))
+
+
+ALL: dict[str, Callable[[], ocp.Problem]] = {"linear-quadratic": linear_quadratic, **PROBLEMS, "landing": landing}
+
+
+@cache
+def compiled(name: str) -> CompiledProblem:
+    return compile_problem(ALL[name]())
+
+
+@cache
+def by_numpy(name: str) -> Solution:
+    return MSiLQR(compiled(name), backend="numpy").solve()
+
+
+@cache
+def native(name: str) -> MSiLQR:
+    solver = MSiLQR(compiled(name))
+    assert solver.backend == "native"
+    return solver
+
+
+@cache
+def in_c(name: str) -> Solution:
+    return native(name).solve()
+
+
+def of_width(problem: CompiledProblem, width: int, options: Options | None = None) -> MSiLQR:
+    """Return a solver with a number of lanes."""
+    solver = MSiLQR(problem, options, backend="numpy")
+    library, _ = library_for(problem, width=width)
+    solver.machine = Machine(problem, library, solver.options)
+    return solver
+
+
+def assert_same_history(got: Solution, expected: Solution) -> None:
+    assert got.status is expected.status
+    assert got.iterations == expected.iterations
+    scale = 1 + abs(expected.cost)
+    floors = {"cost": 1e-10, "merit": 1e-10, "expected": 1e-10, "max_defect": 1e-10, "max_equality": 1e-10,
+              "max_inequality": 1e-10, "step_size": 0.0, "regularization": 0.0, "barrier_weight": 0.0}  # fmt: skip
+    for name, floor in floors.items():
+        a, b = ([getattr(record, name) for record in s.history] for s in (got, expected))
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=floor * scale, err_msg=name)
+    assert [r.iteration for r in got.history] == [r.iteration for r in expected.history]
+
+
+def assert_same_result(got: Solution, expected: Solution, rtol: float = 1e-6) -> None:
+    def close(a: np.ndarray, b: np.ndarray, what: str) -> None:
+        np.testing.assert_allclose(a, b, rtol=rtol, atol=rtol * (1 + np.max(np.abs(b), initial=0.0)), err_msg=what)
+
+    assert got.cost == pytest.approx(expected.cost, rel=rtol)
+    for a, b in zip(got.trajectory.phases, expected.trajectory.phases, strict=True):
+        close(a.states, b.states, "states")
+        close(a.controls, b.controls, "controls")
+    for p, q in zip(got.phases, expected.phases, strict=True):
+        assert p.multipliers.keys() == q.multipliers.keys()
+        for name in p.multipliers:
+            close(p.multipliers[name], q.multipliers[name], name)
+        for name in ("feedforward", "feedback", "V_x", "V_xx", "Q_u", "Q_uu"):
+            close(getattr(p, name), getattr(q, name), name)
+
+
+def assert_equal_bits(got: Solution, expected: Solution) -> None:
+    assert got.status is expected.status
+    for a, b in zip(got.history, expected.history, strict=True):
+        assert replace(a, wall_s=0.0) == replace(b, wall_s=0.0)
+    for a, b in zip(got.trajectory.phases, expected.trajectory.phases, strict=True):
+        np.testing.assert_array_equal(a.states, b.states)
+        np.testing.assert_array_equal(a.controls, b.controls)
+    for p, q in zip(got.phases, expected.phases, strict=True):
+        for name in p.multipliers:
+            np.testing.assert_array_equal(p.multipliers[name], q.multipliers[name])
+
+
+# ---- the same iterates
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_iteration_is_that_of_numpy(name: str) -> None:
+    assert by_numpy(name).converged
+    assert_same_history(in_c(name), by_numpy(name))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_solution_and_duals_are_those_of_numpy(name: str) -> None:
+    assert_same_result(in_c(name), by_numpy(name))
+
+
+@pytest.mark.parametrize("name", ["hopper", "rope"])
+def test_warm_start_goes_on_from_the_duals_as_numpy_does(name: str) -> None:
+    problem, options = compiled(name), Options(barrier_gap=1e-6, max_equality=1e-7, max_inequality=1e-7)
+    half = MSiLQR(problem, Options(max_iterations=12), backend="numpy").solve()
+    assert half.status is Status.ITERATION_LIMIT
+    a, b = (MSiLQR(problem, options, backend=backend).solve(half) for backend in ("native", "numpy"))
+    assert a.iterations > 3
+    assert_same_history(a, b)
+    assert_same_result(a, b)
+
+
+@pytest.mark.parametrize("width", [1, 4, 8])
+@pytest.mark.parametrize("name", ["flying body", "hopper", "rope"])
+def test_lanes_change_nothing(name: str, width: int) -> None:
+    solution = of_width(compiled(name), width).solve()
+    assert_same_history(solution, by_numpy(name))
+    assert_same_result(solution, by_numpy(name))
+
+
+@pytest.mark.parametrize("name", ["hopper", "flying body"])
+def test_single_shooting_falls_back_to_numpy(name: str) -> None:
+    options = Options(max_iterations=8)
+    a, b = (MSiLQR(compiled(name), options, backend=backend).solve(shooting=False) for backend in ("native", "numpy"))
+    assert a.iterations == 8
+    assert_equal_bits(a, b)
+
+
+# ---- determinism
+
+
+def test_equal_input_gives_equal_bits() -> None:
+    assert_equal_bits(native("landing").solve(), in_c("landing"))
+    assert_equal_bits(MSiLQR(compiled("landing")).solve(), in_c("landing"))
+
+
+def test_solver_keeps_nothing_of_an_earlier_solve() -> None:
+    solver = MSiLQR(compiled("hopper"))
+    warm = solver.solve(in_c("hopper"))
+    assert warm.iterations < in_c("hopper").iterations
+    assert_equal_bits(solver.solve(), in_c("hopper"))
+
+
+def test_problems_in_threads_do_not_disturb_one_another() -> None:
+    hopper = compiled("hopper")
+    problems = [hopper, replace(hopper, initial=hopper.initial + [0.0, 0.01, 0.05, 0.0, 0.0]), compiled("rope")]
+    alone = [MSiLQR(problem).solve() for problem in problems]
+    barrier = threading.Barrier(len(problems))
+
+    def repeatedly(problem: CompiledProblem) -> list[Solution]:
+        solver = MSiLQR(problem)
+        barrier.wait()
+        return [solver.solve() for _ in range(5)]
+
+    with ThreadPoolExecutor(len(problems)) as pool:
+        for expected, solutions in zip(alone, pool.map(repeatedly, problems), strict=True):
+            for solution in solutions:
+                assert_equal_bits(solution, expected)
+    assert alone[0].cost != alone[1].cost
+
+
+# ---- memory
+
+
+@pytest.mark.skipif(shutil.which("nm") is None, reason="no nm")
+def test_compiled_solver_cannot_allocate() -> None:
+    library, _ = library_for(compiled("landing"))
+    listed = subprocess.run(
+        ["nm", "-D", "--undefined-only", str(library.built.path)], capture_output=True, text=True, check=True
+    ).stdout
+    names = {line.split()[-1].split("@")[0] for line in listed.splitlines()}
+    assert "clock_gettime" in names  # it is read right
+    for name in names:
+        assert not any(part in name for part in ("alloc", "free", "_Znw", "mmap", "brk", "memalign", "strdup")), name
+
+
+# ---- stopping
+
+
+def test_progress_is_told_every_record_in_order() -> None:
+    told: list[Record] = []
+    solution = native("swing up").solve(progress=told.append)
+    assert tuple(told) == solution.history
+    assert [record.iteration for record in told] == list(range(1, len(told) + 1))
+
+
+def test_iteration_limit_is_that_of_numpy() -> None:
+    for limit in (1, 7):
+        a, b = (
+            MSiLQR(compiled("rope"), Options(max_iterations=limit), backend=backend).solve()
+            for backend in ("native", "numpy")
+        )
+        assert a.status is Status.ITERATION_LIMIT
+        assert a.iterations == limit
+        assert_same_history(a, b)
+        assert_same_result(a, b)
+
+
+def test_time_limit_stops_the_solve() -> None:
+    began = time.perf_counter()
+    solution = MSiLQR(compiled("swing up"), replace(ENDLESS, time_limit_s=0.1)).solve()
+    assert solution.status is Status.TIME_LIMIT
+    assert time.perf_counter() - began < 5
+    assert solution.iterations > 0
+    assert solution.history[-1].cost == pytest.approx(solution.cost, rel=1e-9)
+    assert MSiLQR(compiled("swing up"), Options(time_limit_s=1e-9)).solve().iterations == 0
+
+
+@pytest.fixture
+def endless() -> MSiLQR:
+    return MSiLQR(compiled("swing up"), ENDLESS)
+
+
+def assert_stopped(solver: MSiLQR) -> None:
+    assert solver.machine is not None
+    count = solver.machine.c.num_records
+    time.sleep(0.02)
+    assert solver.machine.c.num_records == count
+    assert count < ENDLESS.max_iterations
+
+
+def test_interruption_from_the_keyboard_returns_the_iterate(endless: MSiLQR) -> None:
+    if threading.current_thread() is not threading.main_thread():
+        pytest.skip("not on the main thread")
+    timer = threading.Timer(0.1, _thread.interrupt_main)
+    timer.start()
+    solution = endless.solve()
+    timer.join()
+    assert solution.status is Status.INTERRUPTED
+    assert_stopped(endless)
+    assert solution.iterations > 0
+    assert solution.cost == pytest.approx(solution.history[-1].cost, rel=1e-9)
+
+
+def test_interruption_in_the_progress_returns_the_iterate(endless: MSiLQR) -> None:
+    def press(record: Record) -> None:
+        raise KeyboardInterrupt
+
+    solution = endless.solve(progress=press)
+    assert solution.status is Status.INTERRUPTED
+    assert_stopped(endless)
+    assert solution.cost == pytest.approx(solution.history[-1].cost, rel=1e-9)
+
+
+def test_error_in_the_progress_stops_the_solver_before_it_is_raised(endless: MSiLQR) -> None:
+    def fail(record: Record) -> None:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        endless.solve(progress=fail)
+    assert_stopped(endless)
+    assert endless.solve(progress=lambda record: _thread.interrupt_main()).status is Status.INTERRUPTED
+
+
+def test_solve_can_be_cancelled_from_elsewhere(endless: MSiLQR) -> None:
+    machine = endless.machine
+    assert machine is not None
+    solution = endless.solve(progress=lambda record: setattr(machine.c, "cancel", 1))
+    assert solution.status is Status.INTERRUPTED
+    assert_stopped(endless)
+
+
+# ---- what is not finite
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+@pytest.mark.parametrize("where", ["initial", "parameter", "impact's parameter", "warm start"])
+def test_what_is_not_finite_ends_as_in_numpy(where: str, wrong: float) -> None:
+    problem, warm = compiled("rope"), None
+    first, second = problem.phases
+    if where == "initial":
+        problem = replace(problem, initial=np.array([0.2, wrong, 1.2, 0.0]))
+    elif where == "parameter":
+        p = first.p.copy()
+        p[7] = wrong
+        problem = replace(problem, phases=(replace(first, p=p), second))
+    elif where == "impact's parameter":
+        problem = replace(problem, phases=(replace(first, p_transition=first.p_transition * wrong), second))
+    else:
+        warm = in_c("rope")
+        phases = list(warm.trajectory.phases)
+        states = phases[1].states.copy()
+        states[3, 0] = wrong
+        phases[1] = replace(phases[1], states=states)
+        warm = replace(warm, trajectory=replace(warm.trajectory, phases=tuple(phases)))
+    for backend in ("native", "numpy"):
+        with np.errstate(all="ignore"):
+            solution = MSiLQR(problem, backend=backend).solve(warm)
+        assert solution.status is Status.NOT_FINITE
+        assert solution.iterations == 0
+
+
+# ---- compilers
+
+
+@pytest.mark.parametrize("name", ["linear-quadratic", "rope", "flying body"])
+@pytest.mark.parametrize("width", [1, 4, 8])
+def test_templates_compile_without_a_warning(name: str, width: int, tmp_path: Path) -> None:
+    library, _ = library_for(compiled(name))
+    sources = program(library.modes, library.links)
+    for file, text in sources.headers.items():
+        (tmp_path / file).write_text(text)
+    files = []
+    for unit, text in sources.kernels:
+        (tmp_path / f"{unit}.c").write_text(text)
+        files.append(f"{unit}.c")
+    flags = ["-std=gnu11", "-Wall", "-Wextra", "-Werror", "-Wno-psabi", f"-DPIAFFE_W={width}", "-O1", "-fPIC", "-c"]
+    done = subprocess.run([str(GCC), *flags, *files], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:3000]
+
+
+def test_without_a_compiler_it_says_so_and_solves_in_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = compile_problem(ALL["bouncing ball"]())  # afresh: its library is not loaded yet
+
+    def none() -> None:
+        raise NoCompilerError("native backend: no C compiler - got none, expected cc; install one")
+
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setattr(compilers, "find_spec", lambda name: None)
+    monkeypatch.setattr(compilers, "_NAMES", ())
+    with pytest.warns(NoCompilerWarning, match="no C compiler") as caught:
+        solver = MSiLQR(problem)
+    assert len(caught) == 1
+    assert solver.backend == "numpy"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_equal_bits(solver.solve(), by_numpy("bouncing ball"))
