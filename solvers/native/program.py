@@ -155,6 +155,9 @@ def _place(K: cs.Sparsity, first: int) -> list[int]:
     return place
 
 
+_TABLE = "static const int __attribute__((unused))"  # a mode without implicit variables has no use for some
+
+
 def _table(
     name: str, sparsity: cs.Sparsity, place_rows: list[int] | None = None, place_cols: list[int] | None = None
 ) -> list[str]:
@@ -163,8 +166,8 @@ def _table(
     cols = [place_cols[c] for c in cols] if place_cols is not None else cols
     return [
         f"#define NNZ_{name} {len(rows)}",
-        f"static const int {name}_row[] = {{{', '.join(map(str, rows)) or '0'}}};",
-        f"static const int {name}_col[] = {{{', '.join(map(str, cols)) or '0'}}};",
+        f"{_TABLE} {name}_row[] = {{{', '.join(map(str, rows)) or '0'}}};",
+        f"{_TABLE} {name}_col[] = {{{', '.join(map(str, cols)) or '0'}}};",
     ]
 
 

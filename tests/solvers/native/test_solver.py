@@ -1,5 +1,6 @@
 """The solver in C makes the iterates of the one in NumPy, and stops, fails and repeats itself as it does."""
 
+import _thread
 import shutil
 import subprocess
 import threading
@@ -11,7 +12,6 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-import _thread
 import numpy as np
 import pytest
 
@@ -19,7 +19,7 @@ from piaffe import models, ocp
 from piaffe.models import base, feet, joints, stance
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
-from piaffe.solvers.native import Machine, NoCompilerError, compilers, library_for, start
+from piaffe.solvers.native import Machine, NoCompilerError, compilers, library_for
 from piaffe.solvers.native.program import program
 from piaffe.solvers.native.start import NoCompilerWarning
 
@@ -152,7 +152,7 @@ def test_warm_start_goes_on_from_the_duals_as_numpy_does(name: str) -> None:
 
 
 @pytest.mark.parametrize("width", [1, 4, 8])
-@pytest.mark.parametrize("name", ["flying body", "hopper", "rope"])
+@pytest.mark.parametrize("name", ["flying body", "rope"])
 def test_lanes_change_nothing(name: str, width: int) -> None:
     solution = of_width(compiled(name), width).solve()
     assert_same_history(solution, by_numpy(name))
@@ -184,7 +184,7 @@ def test_solver_keeps_nothing_of_an_earlier_solve() -> None:
 
 def test_problems_in_threads_do_not_disturb_one_another() -> None:
     hopper = compiled("hopper")
-    problems = [hopper, replace(hopper, initial=hopper.initial + [0.0, 0.01, 0.05, 0.0, 0.0]), compiled("rope")]
+    problems = [hopper, replace(hopper, initial=hopper.initial * 1.01), compiled("rope")]
     alone = [MSiLQR(problem).solve() for problem in problems]
     barrier = threading.Barrier(len(problems))
 
@@ -316,7 +316,9 @@ def test_what_is_not_finite_ends_as_in_numpy(where: str, wrong: float) -> None:
         p[7] = wrong
         problem = replace(problem, phases=(replace(first, p=p), second))
     elif where == "impact's parameter":
-        problem = replace(problem, phases=(replace(first, p_transition=first.p_transition * wrong), second))
+        problem = replace(
+            problem, phases=(replace(first, p_transition=np.full_like(first.p_transition, wrong)), second)
+        )
     else:
         warm = in_c("rope")
         phases = list(warm.trajectory.phases)
@@ -334,8 +336,9 @@ def test_what_is_not_finite_ends_as_in_numpy(where: str, wrong: float) -> None:
 # ---- compilers
 
 
-@pytest.mark.parametrize("name", ["linear-quadratic", "rope", "flying body"])
-@pytest.mark.parametrize("width", [1, 4, 8])
+@pytest.mark.parametrize(
+    ("name", "width"), [("rope", 1), ("rope", 4), ("rope", 8), ("linear-quadratic", 8), ("flying body", 1)]
+)
 def test_templates_compile_without_a_warning(name: str, width: int, tmp_path: Path) -> None:
     library, _ = library_for(compiled(name))
     sources = program(library.modes, library.links)
