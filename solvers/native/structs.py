@@ -20,8 +20,8 @@ RECORD = [
     "regularization", "barrier_weight", "wall_s",
 ]  # fmt: skip
 _OF_PHASE = [
-    "x", "u", "xt", "ut", "x_next", "start", "d", "dt_trial", "D", "grad", "H", "end_grad", "end_H", "P", "dx", "du", "k",
-    "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
+    "x", "u", "xt", "ut", "x_next", "start", "d", "dt_trial", "D", "grad", "H", "end_grad", "end_H", "P", "dx", "du",
+    "k", "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
 ]  # fmt: skip
 _OF_BLOCK = [
     "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "relaxation", "shift",
