@@ -17,7 +17,7 @@ from piaffe.models import base, joints, stance
 from piaffe.ocp import lanes
 
 WIDTHS = (1, 4, 8)
-FLAGS = ["-std=c11", "-O1", "-fexpensive-optimizations", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
+FLAGS = ["-std=c11", "-O1", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
 COMPILER = shutil.which(os.environ.get("CC") or "gcc") or shutil.which("clang")
 
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler (gcc or clang) on this machine")
