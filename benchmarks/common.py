@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import subprocess
+import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -51,7 +52,7 @@ def surroundings(widest: Built | None = None) -> dict[str, Any]:
 
 def _commit() -> str:
     told = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=Path(__file__).parent,
+        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=Path(ocp.__file__).parent,
         check=False,
     )  # fmt: skip
     return told.stdout.strip()
@@ -63,19 +64,39 @@ def machine_at(
     states: Sequence[np.ndarray] | None = None,
     controls: Sequence[np.ndarray] | None = None,
 ) -> Machine:
-    """Return a machine whose accepted iterate is the given one (by default the initial guess), with its model and sweep."""
-    options = solvers.Options(max_iterations=1)
-    machine = Machine(problem, library_for(problem, width=width)[0], options)
-    duals = Outer(problem, options).duals
+    """Return a machine with model and sweep at an iterate, by default the initial guess."""
+    machine = Machine(problem, library_for(problem, width=width)[0], solvers.Options())
+    begin(machine, states, controls)
+    solve(machine, 0)  # evaluate, accept, linearise, sweep, and no step
+    return machine
+
+
+def begin(
+    machine: Machine, states: Sequence[np.ndarray] | None = None, controls: Sequence[np.ndarray] | None = None
+) -> None:
+    """Lay an iterate (by default the initial guess) and fresh multipliers into a machine."""
+    problem = machine.problem
+    duals = Outer(problem, solvers.Options()).duals
     for name in ("relaxation", "shift", "multiplier", "penalty"):
         machine.write_rows(name, "stage", [getattr(d, name) for d in duals])
         machine.write_rows(name, "end", [getattr(d, f"end_{name}") for d in duals])
     for i, phase in enumerate(problem.phases):
         machine.trial(i, "x")[:] = (phase.guess_states if states is None else states[i]).ravel()
         machine.trial(i, "u")[:] = (phase.guess_controls if controls is None else controls[i]).ravel()
-    machine.c.options.max_iterations = 0  # evaluate, accept, linearise, sweep, and no step
+
+
+def solve(machine: Machine, iterations: int) -> float:
+    """Solve from what was laid in; return seconds of this thread, none of them spent waiting for a processor."""
+    machine.c.options.max_iterations = iterations
+    machine.c.cancel = 0
+    began = time.thread_time()
     machine.library.piaffe_solve(ct.byref(machine.c), 0)
-    return machine
+    return time.thread_time() - began
+
+
+def steps(machine: Machine) -> list[float]:
+    """Return the step of each iteration of the last solve; 0 where none was accepted."""
+    return [machine.history[j].step_size for j in range(machine.c.num_records)]
 
 
 def profile(machine: Machine, repetitions: int = 1) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Compare with Crocoddyl: a quadruped standing on four feet, the same robot, contacts, nodes, dt, costs and iterate.
 
-First accelerations, contact forces, their derivatives and the costs are compared, tangents mapped to each other; then both
-are timed in turns, one thread each. Needs the environment of ``make bench`` (crocoddyl 3.2.1 with pin 4.0.0).
+First accelerations, contact forces, their derivatives and the costs are compared, tangents mapped to each other; then
+both are timed in turns, one thread each. Needs the environment of ``make bench`` (crocoddyl 3.2.1 with pin 4.0.0).
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ import argparse
 import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import crocoddyl
 import numpy as np
 import pinocchio
-from common import iteration, machine_at, middle, profile, surroundings, tell
+from common import begin, iteration, machine_at, middle, profile, solve, steps, surroundings, tell
 from numpy.typing import NDArray
 
-from piaffe import models, ocp, solvers
+from piaffe import models, ocp
 from piaffe.models import base, joints
 from piaffe.ocp import rotation
 from piaffe.solvers.iterate import Evaluator, solve_nodes
-from piaffe.solvers.native import library_for
+from piaffe.solvers.native import Machine, library_for
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,8 @@ NODES, DT, GAMMA = 100, 0.01, 20.0  # [s], [1/s]
 POSITION, VELOCITY, TORQUE = 1.0, 0.1, 0.01  # weights
 WIDTHS = (8, 4, 1)
 TOLERANCE = 1e-8
+SOLVE_ITERATIONS = 5  # all taken in full by both
+CALLS = 5  # of a part per turn: the least of them was not interrupted
 
 
 # ---- one problem, stated twice
@@ -179,7 +181,7 @@ def differences(robot: models.Robot, ours: ocp.CompiledProblem, theirs: crocoddy
     x[:, 3:7] = phase.guess_states[:, 3:7]
     cost = Evaluator(ours).values(0, x, u).residual
     mine = 0.5 * DT * np.sum(phase.weight * cost**2)
-    out["cost"] = abs(mine / theirs.calc([to_theirs(each) for each in x], list(u)) - 1)
+    out["cost"] = abs(mine / theirs.calc([to_theirs(state) for state in x], list(u)) - 1)
     worst = max(out, key=lambda name: out[name])
     if not out[worst] < TOLERANCE:
         raise SystemExit(f"not the same problem: {worst} differs by {out[worst]:.1e} relative, {TOLERANCE:.0e} allowed")
@@ -203,19 +205,22 @@ def their_parts(solver: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequence[Ar
 
 
 def their_sample(parts: dict[str, Callable[[], Any]]) -> dict[str, float]:
-    """Time Crocoddyl's parts once [s]."""
+    """Time Crocoddyl's parts [s of this thread], the least of a few calls each."""
     sample = {}
     for name, part in parts.items():
-        began = perf_counter()
-        part()
-        sample[name] = perf_counter() - began
+        times = []
+        for _ in range(CALLS):
+            began = thread_time()
+            part()
+            times.append(thread_time() - began)
+        sample[name] = min(times)
     in_turn = ("derivatives", "backward", "forward with evaluation")
     return {**sample, "whole iteration": sum(sample[name] for name in in_turn)}
 
 
-def our_sample(machine: Any) -> dict[str, float]:
-    """Time our parts once [s], under Crocoddyl's headings."""
-    parts = profile(machine)
+def our_sample(machine: Machine) -> dict[str, float]:
+    """Time our parts [s on the clock], the least of a few calls each, under Crocoddyl's headings."""
+    parts = profile(machine, CALLS)
     evaluation = parts["evaluation"] + parts["sums"]
     return {
         "evaluation": evaluation,
@@ -226,68 +231,76 @@ def our_sample(machine: Any) -> dict[str, float]:
     }
 
 
-def their_solve(solver: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequence[Array]) -> tuple[float, list[float]]:
-    """Return seconds per iteration of a whole solve by Crocoddyl, and the steps it took."""
+def their_solve(solver: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequence[Array], iterations: int) -> float:
+    """Return seconds of a solve by Crocoddyl, of this thread."""
+    began = thread_time()
+    solver.solve(x, u, iterations, False, 0.0)
+    return thread_time() - began
+
+
+def our_solve(machine: Machine, iterations: int) -> float:
+    """Return seconds of a solve by Piaffe, of this thread."""
+    begin(machine)
+    return solve(machine, iterations)
+
+
+def each(solve: Callable[[int], float]) -> float:
+    """Return seconds of an iteration: what later ones add to the first, which has the start and the end to do too."""
+    return (solve(SOLVE_ITERATIONS) - solve(1)) / (SOLVE_ITERATIONS - 1)
+
+
+def require_full_steps(fddp: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequence[Array], machine: Machine) -> None:
+    """Raise unless both solvers take every iteration of the solve with one trial."""
     log = crocoddyl.CallbackLogger()
-    solver.setCallbacks([log])
-    solver.solve(x, u, SOLVE_ITERATIONS, False, 0.0)
-    steps = [float(step) for step in log.steps]
-    solver.setCallbacks([])
-    began = perf_counter()
-    solver.solve(x, u, SOLVE_ITERATIONS, False, 0.0)
-    return (perf_counter() - began) / len(steps), steps
+    fddp.setCallbacks([log])
+    their_solve(fddp, x, u, SOLVE_ITERATIONS)
+    fddp.setCallbacks([])
+    our_solve(machine, SOLVE_ITERATIONS)
+    taken = [float(step) for step in log.steps], steps(machine)
+    if any(sizes != [1.0] * SOLVE_ITERATIONS for sizes in taken):
+        raise SystemExit(f"not the same iterations: got steps {taken}, expected {SOLVE_ITERATIONS} of 1 each")
 
 
-def our_solve(solver: solvers.MSiLQR) -> tuple[float, list[float]]:
-    """Return seconds per iteration of ours, as its log says: from the second, where the first has the start's too."""
-    history = solver.solve().history
-    times = [after.wall_s - before.wall_s for before, after in pairwise(history)]
-    return median(times), [record.step_size for record in history]
-
-
-SOLVE_ITERATIONS = 5
-
-
-def compare(name: str, repeats: int) -> tuple[dict[str, Any], Any]:
-    """Return all that is to say of one robot."""
+def compare(name: str, repeats: int) -> tuple[dict[str, Any], Machine]:
+    """Return all that is to say of one robot, and a machine."""
     robot = models.load(name)
     ours = our_problem(robot)
     theirs = their_problem(robot, ours)
     result: dict[str, Any] = {"differences": differences(robot, ours, theirs)}
-    guess = ours.phases[0]
-    x, u = [to_theirs(each) for each in guess.guess_states], list(guess.guess_controls)
+    x, u = [to_theirs(state) for state in ours.phases[0].guess_states], list(ours.phases[0].guess_controls)
     fddp = crocoddyl.SolverFDDP(theirs)
     fddp.th_stop = 1e-30
-    parts = their_parts(fddp, x, u)
-    machines = {width: machine_at(ours, width) for width in WIDTHS}
-    samples: dict[str, list[dict[str, float]]] = {"crocoddyl": [], **{f"W={width}": [] for width in WIDTHS}}
+    parts = their_parts(crocoddyl.SolverFDDP(their_problem(robot, ours)), x, u)
+    machines = {f"W={width}": machine_at(ours, width) for width in WIDTHS}
+    for machine in machines.values():
+        machine.c.options.cost_tolerance = 1e-30
+    require_full_steps(fddp, x, u, machines["W=8"])
+    samples: dict[str, list[dict[str, float]]] = {"crocoddyl": [], **{who: [] for who in machines}}
     for _ in range(repeats):  # in turns, so that whatever else the machine does disturbs all alike
-        samples["crocoddyl"].append(their_sample(parts))
-        for width, machine in machines.items():
-            samples[f"W={width}"].append(our_sample(machine))
-    result["us_per_node"] = {who: middle(s, 1e6 / NODES) for who, s in samples.items()}
-    result["times_faster"] = {
-        f"W={width}": {
-            part: round(median(a[part] / b[part] for a, b in zip(samples["crocoddyl"], samples[f"W={width}"], strict=True)), 2)
-            for part in samples["crocoddyl"][0]
+        solved = each(lambda n: their_solve(fddp, x, u, n))
+        samples["crocoddyl"].append({**their_sample(parts), "iteration of a solve": solved})
+        for who, machine in machines.items():
+            solved = each(partial(our_solve, machine))
+            samples[who].append({**our_sample(machine), "iteration of a solve": solved})
+    result["us_per_node"] = {who: middle(taken, 1e6 / NODES) for who, taken in samples.items()}
+    result["times_faster"] = {who: _ratios(samples["crocoddyl"], samples[who]) for who in machines}
+    return result, machines["W=8"]
+
+
+def _ratios(theirs: list[dict[str, float]], ours: list[dict[str, float]]) -> dict[str, dict[str, float]]:
+    """Return how many times less ours is: the median over pairs taken in one turn, and that of the least times."""
+    pairs = list(zip(theirs, ours, strict=True))
+    return {
+        part: {
+            "median": round(median(a[part] / b[part] for a, b in pairs), 2),
+            "least": round(min(a[part] for a in theirs) / min(b[part] for b in ours), 2),
         }
-        for width in WIDTHS
-    }  # fmt: skip
-    solver = solvers.MSiLQR(ours, solvers.Options(max_iterations=SOLVE_ITERATIONS, cost_tolerance=1e-30))
-    runs = [(their_solve(fddp, x, u), our_solve(solver)) for _ in range(max(repeats // 4, 3))]
-    result["solve"] = {
-        "us_per_node_and_iteration": {
-            "crocoddyl": round(1e6 / NODES * median(a[0] for a, _ in runs), 2),
-            "piaffe": round(1e6 / NODES * median(b[0] for _, b in runs), 2),
-        },
-        "times_faster": round(median(a[0] / b[0] for a, b in runs), 2),
-        "steps": {"crocoddyl": runs[-1][0][1], "piaffe": runs[-1][1][1]},
+        for part in theirs[0]
     }
-    return result, solver.machine
 
 
 def their_build() -> dict[str, Any]:
-    """Return what is known of how Crocoddyl was built: the wheel says no flags, its code tells the vectors that it uses."""
+    """Return what is known of how Crocoddyl was built: the wheel tells no flags, its code which vectors it uses."""
     library = next(Path(crocoddyl.__file__).parents[3].glob("libcrocoddyl.so"))
     found: dict[str, Any] = {"crocoddyl": crocoddyl.__version__, "pin": pinocchio.__version__, "library": library.name}
     try:
@@ -307,19 +320,15 @@ def main(robots: list[str], repeats: int = 60, json: bool = False) -> dict[str, 
     for name, result in results["robots"].items():
         worst = max(result["differences"].values())
         lines.append(
-            f"{name}: {NODES} nodes, largest relative difference {worst:.1e}; median µs per node (times faster)"
+            f"{name}, {NODES} nodes; largest relative difference {worst:.1e}; µs per node (times faster), medians"
         )
         lines.append(f"{'':26}{'Crocoddyl':>10}" + "".join(f"{f'W={w}':>18}" for w in WIDTHS))
-        for part, time in result["us_per_node"]["crocoddyl"].items():
-            row = f"  {part:24}{time['median']:10.2f}"
-            for w in (f"W={width}" for width in WIDTHS):
-                row += f"{result['us_per_node'][w][part]['median']:10.2f} ({result['times_faster'][w][part]:4.1f})"
+        for part, took in result["us_per_node"]["crocoddyl"].items():
+            row = f"  {part:24}{took['median']:10.2f}"
+            for who in (f"W={width}" for width in WIDTHS):
+                ratio = result["times_faster"][who][part]["median"]
+                row += f"{result['us_per_node'][who][part]['median']:10.2f} ({ratio:5.1f})"
             lines.append(row)
-        solve = result["solve"]
-        times = solve["us_per_node_and_iteration"]
-        lines.append(
-            f"  {'in a solve':24}{times['crocoddyl']:10.2f}{times['piaffe']:10.2f} ({solve['times_faster']:4.1f})"
-        )
     tell(results, json, lines)
     return results
 
