@@ -5,6 +5,7 @@
 #   make lint    ruff, mypy, import-linter
 #   make docs    the documentation, into site/
 #   make bench   time the solver, and Crocoddyl
+#   make sanitize  the compiled solver under AddressSanitizer and UndefinedBehaviorSanitizer
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -15,7 +16,7 @@ export NO_MKDOCS_2_WARNING := 1
 
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format docs bench clean
+.PHONY: help demo test test-slow lint format docs bench sanitize clean
 
 help:
 	@sed -n '/^#  /s/^# *//p' Makefile
@@ -75,6 +76,9 @@ docs: $(VENV)/dev.stamp
 bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/solve.py
 	$(VENV)-bench/bin/python benchmarks/crocoddyl_nodes.py
+
+sanitize: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.solvers.native.sanitize
 
 clean:
 	rm -rf build dist site src/piaffe.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
