@@ -111,6 +111,16 @@ def iteration(parts: Mapping[str, float]) -> float:
     return sum(parts[name] for name in PARTS)
 
 
+def busy_iteration(machine: Machine, calls: int) -> float:
+    """Return seconds of this thread that an iteration takes, without those spent waiting for a processor."""
+    spent = []
+    for repetitions in (1, 1 + calls):
+        began = time.thread_time()
+        profile(machine, repetitions)
+        spent.append(time.thread_time() - began)
+    return (spent[1] - spent[0]) / calls
+
+
 def middle(samples: Sequence[Mapping[str, float]], scale: float, digits: int = 3) -> dict[str, dict[str, float]]:
     """Return median and least value of each entry over samples, times a scale."""
     return {

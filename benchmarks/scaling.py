@@ -1,0 +1,126 @@
+"""Time an iteration against the number of nodes, lanes and threads: Mini Cheetah trotting within its limits.
+
+Two threads are two solves at once from two Python threads, as ctypes lets go of the interpreter. Their gain is how much
+more is solved in the same time, which wants a machine with two cores to spare; how much more processor time a solve takes
+beside another one does not.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import argparse
+import threading
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+from common import begin, busy_iteration, machine_at, middle, profile, solve, surroundings, tell
+
+from piaffe import models, ocp
+from piaffe.models import base, feet, joints
+from piaffe.solvers.native import Machine, library_for
+
+NODES = (25, 50, 100, 200, 500, 1000, 2000)
+LANES = (1, 4, 8)
+THREADS = (1, 2)
+DT = 0.01  # [s]
+THREADED_NODES = (25, 100, 500)
+ITERATIONS = 10  # of a threaded solve
+CALLS = 3  # of the parts per turn: the least of them was not interrupted
+
+
+def swing(s):
+    """1 for feet in the air."""
+    return 1 - s.feet.contact
+
+
+def problems() -> dict[int, ocp.CompiledProblem]:
+    """Return the trot over every number of nodes."""
+    robot = models.load("mini_cheetah")
+    body = models.WholeBody(robot)
+    walking = ocp.Objective(
+        ocp.track(base.position, weight=(0, 0, 50)),
+        ocp.track(base.orientation, weight=2.0),
+        ocp.track(base.linear_velocity, weight=2.0),
+        ocp.track(base.angular_velocity, weight=2.0),
+        ocp.track(joints.position, weight=1.0),
+        ocp.track(joints.velocity, weight=0.01),
+        ocp.track(feet.position, weight=10.0, mask=swing),
+        ocp.regularize(joints.torque, weight=0.02),
+    )
+    limits = ocp.Constraints(models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits())
+    made = {}
+    for nodes in NODES:
+        schedule = body.over(nodes * DT, dt=DT)
+        problem = ocp.Problem(
+            models.gaits.trot(0.5), schedule, walking, limits, initial=body.state(joints="stand")
+        )  # fmt: skip
+        made[nodes] = ocp.compile_problem(problem)
+    return made
+
+
+def at_once(machines: list[Machine]) -> tuple[float, float]:
+    """Return seconds on the clock in which all machines solve, each in a thread of its own, and the mean of their own."""
+    for machine in machines:
+        begin(machine)
+    busy: list[float] = []
+    threads = [threading.Thread(target=lambda m=machine: busy.append(solve(m, ITERATIONS))) for machine in machines]
+    began = perf_counter()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return perf_counter() - began, sum(busy) / len(busy)
+
+
+def main(repeats: int = 15, json: bool = False) -> dict[str, Any]:
+    """Print and return medians of an iteration's time and of the gain by a second thread."""
+    made = problems()
+    cases = [(lanes, nodes) for lanes in LANES for nodes in NODES]
+    machines = {(lanes, nodes): machine_at(made[nodes], lanes) for lanes, nodes in cases}
+    samples: dict[Any, list[dict[str, float]]] = {case: [] for case in cases}
+    pairs = {nodes: [machine_at(made[nodes]) for _ in range(max(THREADS))] for nodes in THREADED_NODES}
+    threaded: dict[Any, list[tuple[float, float]]] = {(nodes, n): [] for nodes in THREADED_NODES for n in THREADS}
+    for _ in range(repeats):  # in turns, so that whatever else the machine does disturbs all alike
+        for case in cases:
+            samples[case].append({"iteration": busy_iteration(machines[case], CALLS), **profile(machines[case], CALLS)})
+        for nodes, n in threaded:
+            threaded[nodes, n].append(at_once(pairs[nodes][:n]))
+    rows = [
+        {"lanes": lanes, "nodes": nodes, "us_per_node": middle(samples[lanes, nodes], 1e6 / nodes)}
+        for lanes, nodes in cases
+    ]
+    gains = []
+    for nodes in THREADED_NODES:
+        (one, busy_one), (two, busy_two) = (zip(*threaded[nodes, n], strict=True) for n in THREADS)
+        gains.append({
+            "nodes": nodes, "ms_alone": round(1e3 * median(one), 3), "ms_two_at_once": round(1e3 * median(two), 3),
+            "gain": round(median(2 * a / b for a, b in zip(one, two, strict=True)), 3),
+            "gain_of_least": round(2 * min(one) / min(two), 3),
+            "processor_time": round(median(b / a for a, b in zip(busy_one, busy_two, strict=True)), 3),
+        })  # fmt: skip
+    results: dict[str, Any] = {
+        "benchmark": "scaling", "repeats": repeats, "dt": DT, "sizes": rows, "threads": gains,
+        **surroundings(library_for(made[NODES[0]])[0].built),
+    }  # fmt: skip
+    lines = ["median µs per node and iteration", f"{'nodes':>8}" + "".join(f"{f'W={w}':>10}" for w in LANES)]
+    for nodes in NODES:
+        times = [row["us_per_node"]["iteration"]["median"] for row in rows if row["nodes"] == nodes]
+        lines.append(f"{nodes:8d}" + "".join(f"{value:10.2f}" for value in times))
+    lines.append("two solves in two threads: gain (median, of least times), processor time of each against alone")
+    lines += [
+        f"{row['nodes']:8d}{row['gain']:10.2f}{row['gain_of_least']:10.2f}{row['processor_time']:10.2f}"
+        for row in gains
+    ]
+    tell(results, json, lines)
+    return results
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=15)
+    parser.add_argument("--json", action="store_true", help="print all as JSON")
+    main(**vars(parser.parse_args()))
