@@ -24,6 +24,7 @@ from piaffe.solvers.native.program import program
 from piaffe.solvers.native.start import NoCompilerWarning
 
 from ...problems import PROBLEMS, linear_quadratic
+from .watched import Watched, same_decisions
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
 pytestmark = pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
@@ -86,16 +87,19 @@ def of_width(problem: CompiledProblem, width: int, options: Options | None = Non
     return solver
 
 
+def assert_same_records(got: tuple[Record, ...], expected: tuple[Record, ...]) -> None:
+    scale = 1 + max((abs(record.cost) for record in expected[-1:]), default=0.0)
+    for name in ("cost", "merit", "expected", "max_defect", "max_equality", "max_inequality"):
+        a, b = ([getattr(record, name) for record in history] for history in (got, expected))
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-10 * scale, err_msg=name)
+    for name in ("iteration", "step_size", "regularization", "barrier_weight"):
+        assert [getattr(r, name) for r in got] == [getattr(r, name) for r in expected], name
+
+
 def assert_same_history(got: Solution, expected: Solution) -> None:
     assert got.status is expected.status
     assert got.iterations == expected.iterations
-    scale = 1 + abs(expected.cost)
-    floors = {"cost": 1e-10, "merit": 1e-10, "expected": 1e-10, "max_defect": 1e-10, "max_equality": 1e-10,
-              "max_inequality": 1e-10, "step_size": 0.0, "regularization": 0.0, "barrier_weight": 0.0}  # fmt: skip
-    for name, floor in floors.items():
-        a, b = ([getattr(record, name) for record in s.history] for s in (got, expected))
-        np.testing.assert_allclose(a, b, rtol=1e-8, atol=floor * scale, err_msg=name)
-    assert [r.iteration for r in got.history] == [r.iteration for r in expected.history]
+    assert_same_records(got.history, expected.history)
 
 
 def assert_same_result(got: Solution, expected: Solution, rtol: float = 1e-6) -> None:
@@ -130,9 +134,22 @@ def assert_equal_bits(got: Solution, expected: Solution) -> None:
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_iteration_is_that_of_numpy(name: str) -> None:
-    assert by_numpy(name).converged
-    assert_same_history(in_c(name), by_numpy(name))
+def test_every_iterate_is_that_of_numpy_but_for_decisions_on_a_knifes_edge(name: str) -> None:
+    numpy = MSiLQR(compiled(name), backend="numpy")
+    run = Watched(numpy.evaluator, numpy.options, numpy.start(None), numpy.flags(True), None)
+    assert run.loop() is Status.CONVERGED
+    common = same_decisions(in_c(name).history, tuple(run.history))
+    if common < max(len(run.history), in_c(name).iterations):
+        assert min(run.margins[: common + 1]) < 1e-8
+    else:
+        assert in_c(name).status is Status.CONVERGED
+    assert_same_records(in_c(name).history[:common], tuple(run.history[:common]))
+    for k in range(1, common + 1, 1 if common < 20 else 5):
+        solution = MSiLQR(compiled(name), Options(max_iterations=k)).solve()
+        for got, x, u in zip(solution.trajectory.phases, run.iterates[k - 1].states, run.iterates[k - 1].controls,
+                             strict=True):  # fmt: skip
+            np.testing.assert_allclose(got.states, x, rtol=1e-8, atol=1e-8 * np.max(np.abs(x)))
+            np.testing.assert_allclose(got.controls, u, rtol=1e-8, atol=1e-8 * np.max(np.abs(u), initial=1.0))
 
 
 @pytest.mark.parametrize("name", ALL)
