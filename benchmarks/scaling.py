@@ -1,8 +1,8 @@
 """Time an iteration against the number of nodes, lanes and threads: Mini Cheetah trotting within its limits.
 
 Two threads are two solves at once from two Python threads, as ctypes lets go of the interpreter. Their gain is how much
-more is solved in the same time, which wants a machine with two cores to spare; how much more processor time a solve takes
-beside another one does not.
+more is solved in the same time, which wants a machine with two cores to spare; how much more processor time a solve
+takes beside another one does not.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def problems() -> dict[int, ocp.CompiledProblem]:
 
 
 def at_once(machines: list[Machine]) -> tuple[float, float]:
-    """Return seconds on the clock in which all machines solve, each in a thread of its own, and the mean of their own."""
+    """Return seconds on the clock in which all machines solve, a thread each, and the mean of the threads' own."""
     for machine in machines:
         begin(machine)
     busy: list[float] = []
