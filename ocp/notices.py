@@ -1,4 +1,4 @@
-"""Warnings about a compiled problem that do not stop a solve: those of its models, and residuals near half a turn."""
+"""Warnings about a compiled problem that do not stop a solve: models' own, broken starts, near half turns."""
 
 from __future__ import annotations
 
@@ -18,10 +18,14 @@ NEAR_HALF_TURN = 0.3
 """How close to π the length of an orientation residual is reported [rad]: its direction is about to flip there."""
 
 
+TOLERANCE = 1e-3
+"""By how much the initial state may break a constraint, over the row's scale, before it is reported."""
+
+
 def notices(compiled: CompiledProblem) -> list[Notice]:
     """Return the warnings that ``describe`` and ``check`` show: the models' own, and those of the initial guess."""
     models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
-    found = [notice for model in models for notice in model.notices(compiled.path)]
+    found = [notice for model in models for notice in model.notices(compiled.path)] + broken_at_start(compiled)
     guesses = [Guess(phase) for phase in compiled.phases if _turning(phase)]
     if guesses:
         stages, ends = {}, {}
@@ -32,6 +36,34 @@ def notices(compiled: CompiledProblem) -> list[Notice]:
             compiled, [stages.get(p, blank) for p in compiled.phases], [ends.get(p, blank) for p in compiled.phases]
         )
     return list(dict.fromkeys(found))
+
+
+def broken_at_start(compiled: CompiledProblem) -> list[Notice]:
+    """Return a warning per constraint on the state that the initial state breaks: no control can mend it there.
+
+    Args:
+        compiled: the problem.
+    """
+    phase, found = compiled.phases[0], []
+    stage, x, p = phase.mode.functions["stage"], compiled.initial, phase.p[0]
+    _, _, g, h = (value.full().ravel() for value in stage(x, np.zeros(phase.mode.nu), np.zeros(phase.mode.nz), p))
+    for kind, missed in (("g", -g * phase.g_mask[0]), ("h", np.abs(h) * phase.h_mask[0])):
+        of_state = {row.term for row in phase.mode.rows[f"terminal_{kind}"]}
+        worst: dict[int, int] = {}
+        for i, row in enumerate(phase.mode.rows[f"stage_{kind}"]):
+            if row.term in of_state and missed[i] > max(TOLERANCE, missed[worst[row.term]] if row.term in worst else 0):
+                worst[row.term] = i
+        for term, i in worst.items():
+            row, declared = phase.mode.rows[f"stage_{kind}"][i], compiled.terms[term]
+            found.append(
+                Notice(
+                    f"term '{compiled.row_name(row)}' ({declared.source}), phase '{phase.name}', node 0",
+                    f"the initial state breaks it - got it missed by {missed[i] * row.scale:.3g} {row.unit}".rstrip()
+                    + ", expected a start that meets it; no control can mend that: move the start or the bound, or "
+                    "restrict it with when=",
+                )
+            )
+    return found
 
 
 def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequence[Array]) -> list[Notice]:

@@ -59,3 +59,44 @@ def test_a_solver_asks_about_its_own_iterate():
     (notice,) = ocp.half_turns(compiled, stages, [end[0] for end in ends])
     assert notice.where.endswith("phase 'second', node 2")
     assert "got 3.05 rad" in notice.text
+
+
+# ---- constraints that the initial state breaks
+
+
+def falling(*rows):
+    ball = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"push": 1}, modes={"fall": lambda s: {"z": s.vz, "vz": s.push}}
+    )
+    motion = ocp.Motion(ocp.Phase("drop", "fall", 0.4), ocp.Phase("rise", "fall", 0.4))
+    objective = ocp.Objective(ocp.regularize("push"))
+    return ocp.compile_problem(
+        ocp.Problem(motion, ball.until_end(dt=0.1), objective, ocp.Constraints(*rows), initial=[1.0, -2.0])
+    )
+
+
+def test_a_constraint_that_the_start_breaks_is_reported():
+    high = ocp.inequality(lambda s: [s.z, s.vz], lower=(1.5, -1.0), unit="m", scale=0.5, name="high", labels=("z", "v"))
+    (notice,) = ocp.notices(falling(high))
+    assert notice.where == f"term 'high v lower' ({high.source}), phase 'drop', node 0"
+    assert notice.text == (
+        "the initial state breaks it - got it missed by 1 m, expected a start that meets it; no control can mend that: "
+        "move the start or the bound, or restrict it with when="
+    )
+    still = ocp.equality(lambda s: s.vz, name="still")
+    (notice,) = ocp.notices(falling(still))
+    assert "got it missed by 2, expected" in notice.text
+
+
+def test_constraints_that_do_not_hold_at_the_start_are_not_reported():
+    def below(s):
+        return -s.z
+
+    assert not ocp.notices(
+        falling(
+            ocp.inequality(below, at="end"),
+            ocp.inequality(below, when="rise"),
+            ocp.inequality(lambda s: -s.z + s.push),
+            ocp.inequality(lambda s: s.z, lower=1.0),
+        )
+    )
