@@ -4,7 +4,7 @@
 #   make test    everything that is checked before a merge; ends with pytest's summary
 #   make lint    ruff, mypy, import-linter
 #   make docs    the documentation, into site/
-#   make bench   time the solver, and Crocoddyl
+#   make bench   time the solver, and Crocoddyl; draws what docs/benchmarks.md shows
 #   make sanitize  the compiled solver under AddressSanitizer and UndefinedBehaviorSanitizer
 
 PYTHON ?= python3
@@ -75,7 +75,11 @@ docs: $(VENV)/dev.stamp
 
 bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/solve.py
-	$(VENV)-bench/bin/python benchmarks/crocoddyl_nodes.py
+	$(VENV)-bench/bin/python benchmarks/vs_crocoddyl.py --save
+	$(VENV)-bench/bin/python benchmarks/cascade.py --save
+	$(VENV)-bench/bin/python benchmarks/scaling.py --save
+	$(VENV)-bench/bin/python benchmarks/cold_start.py --save
+	$(VENV)-bench/bin/python benchmarks/figures.py
 
 sanitize: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.solvers.native.sanitize

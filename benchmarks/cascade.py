@@ -10,13 +10,11 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
-from collections.abc import Sequence
 from functools import cache
 from statistics import median
 from typing import Any
 
-from common import begin, iteration, machine_at, middle, profile, solve, steps, surroundings, tell
+from common import arguments, begin, iteration, machine_at, middle, profile, solve, steps, surroundings, tell
 
 from piaffe import models, ocp
 from piaffe.models import base, feet, joints
@@ -89,9 +87,9 @@ def sample(machine: Machine) -> dict[str, float]:
     return {**parts, "iteration": iteration(parts), "mean in a solve": mean, "accepted in a solve": median(accepted)}
 
 
-def main(repeats: int = 15, json: bool = False, gaits: Sequence[str] = tuple(GAITS)) -> dict[str, Any]:
+def main(repeats: int = 15, json: bool = False, save: bool = False) -> dict[str, Any]:
     """Print and return the median times of an iteration [ms]."""
-    cases = [(gait, dt, tail) for gait in gaits for dt in TAIL_DTS for tail in TAILS]
+    cases = [(gait, dt, tail) for gait in GAITS for dt in TAIL_DTS for tail in TAILS]
     machines = {}
     for gait, dt, tail in cases:
         machines[gait, dt, tail] = machine_at(cascade(GAITS[gait](SPEED), tail, dt))
@@ -107,14 +105,14 @@ def main(repeats: int = 15, json: bool = False, gaits: Sequence[str] = tuple(GAI
             "nodes": problem.num_stages, "phases": len(problem.phases), "ms": middle(samples[gait, dt, tail], 1e3, 4),
         })  # fmt: skip
     ratios = {
-        gait: round(median(_over(samples[gait, 0.05, 2.0], samples[gait, 0.05, 0.5], "iteration")), 3) for gait in gaits
+        gait: round(median(_over(samples[gait, 0.05, 2.0], samples[gait, 0.05, 0.5], "iteration")), 3) for gait in GAITS
     }
     results: dict[str, Any] = {
         "benchmark": "cascade", "repeats": repeats, "schedules": rows, "S20 / S5 at 50 ms": ratios,
         **surroundings(library_for(machines[cases[0]].problem)[0].built),
     }  # fmt: skip
     lines = ["median ms per iteration: sum of its parts | iterations of a solve, with all their trials"]
-    for gait in gaits:
+    for gait in GAITS:
         for dt in TAIL_DTS:
             own = [row for row in rows if row["gait"] == gait and row["tail_dt"] == dt]
             lines.append(f"{gait:12} dt_s {1e3 * dt:3.0f} ms  " + "".join(f"{row['schedule']:>14}" for row in own))
@@ -123,7 +121,7 @@ def main(repeats: int = 15, json: bool = False, gaits: Sequence[str] = tuple(GAI
             )
             lines.append(f"{'':24}" + "".join(f"{text:>14}" for text in told))
         lines.append(f"{'':24}S20 / S5 at 50 ms: {ratios[gait]:.2f}")
-    tell(results, json, lines)
+    tell(results, lines, json=json, save=save)
     return results
 
 
@@ -132,7 +130,4 @@ def _over(a: list[dict[str, float]], b: list[dict[str, float]], name: str) -> li
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=15)
-    parser.add_argument("--json", action="store_true", help="print all as JSON")
-    main(**vars(parser.parse_args()))
+    main(**vars(arguments(__doc__, repeats=15).parse_args()))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import ctypes as ct
-import json
+import json as json_format
 import os
 import platform
 import subprocess
@@ -132,6 +133,19 @@ def middle(samples: Sequence[Mapping[str, float]], scale: float, digits: int = 3
     }
 
 
-def tell(results: Mapping[str, Any], as_json: bool, lines: Sequence[str]) -> None:
-    """Print results as JSON, or as a table."""
-    print(json.dumps(results, indent=1) if as_json else "\n".join(lines))
+def tell(results: Mapping[str, Any], lines: Sequence[str], *, json: bool, save: bool) -> None:
+    """Print results as a table or as JSON, and keep them for the pictures if asked to."""
+    text = json_format.dumps(results, indent=1)
+    if save:
+        RESULTS.mkdir(exist_ok=True)
+        RESULTS.joinpath(f"{results['benchmark']}.json").write_text(text + "\n", encoding="utf-8")
+    print(text if json else "\n".join(lines))
+
+
+def arguments(description: str, repeats: int) -> argparse.ArgumentParser:
+    """Return the command line that all benchmarks share."""
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=repeats, help="turns; medians are over these")
+    parser.add_argument("--json", action="store_true", help="print all as JSON")
+    parser.add_argument("--save", action="store_true", help="write benchmarks/results/, which the pictures are of")
+    return parser

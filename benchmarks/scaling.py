@@ -1,8 +1,8 @@
 """Time an iteration against the number of nodes, lanes and threads: Mini Cheetah trotting within its limits.
 
 Two threads are two solves at once from two Python threads, as ctypes lets go of the interpreter. Their gain is how much
-more is solved in the same time, which wants a machine with two cores to spare; how much more processor time a solve
-takes beside another one does not.
+more is solved in the same time, which wants a machine with two cores to spare: whether it had them tells the gain of
+hashing, measured beside it.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"
 
-import argparse
+import hashlib
 import threading
 from statistics import median
 from time import perf_counter
 from typing import Any
 
-from common import begin, busy_iteration, machine_at, middle, profile, solve, surroundings, tell
+from common import arguments, begin, busy_iteration, machine_at, middle, profile, solve, surroundings, tell
 
 from piaffe import models, ocp
 from piaffe.models import base, feet, joints
@@ -29,6 +29,7 @@ THREADS = (1, 2)
 DT = 0.01  # [s]
 THREADED_NODES = (25, 100, 500)
 ITERATIONS = 10  # of a threaded solve
+HASHED = bytes(20_000_000)
 CALLS = 3  # of the parts per turn: the least of them was not interrupted
 
 
@@ -76,7 +77,18 @@ def at_once(machines: list[Machine]) -> tuple[float, float]:
     return perf_counter() - began, sum(busy) / len(busy)
 
 
-def main(repeats: int = 15, json: bool = False) -> dict[str, Any]:
+def hashing(threads: int) -> float:
+    """Return seconds on the clock in which as many threads hash some data each, which needs neither lock nor memory."""
+    workers = [threading.Thread(target=hashlib.sha256, args=(HASHED,)) for _ in range(threads)]
+    began = perf_counter()
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    return perf_counter() - began
+
+
+def main(repeats: int = 15, json: bool = False, save: bool = False) -> dict[str, Any]:
     """Print and return medians of an iteration's time and of the gain by a second thread."""
     made = problems()
     cases = [(lanes, nodes) for lanes in LANES for nodes in NODES]
@@ -84,11 +96,13 @@ def main(repeats: int = 15, json: bool = False) -> dict[str, Any]:
     samples: dict[Any, list[dict[str, float]]] = {case: [] for case in cases}
     pairs = {nodes: [machine_at(made[nodes]) for _ in range(max(THREADS))] for nodes in THREADED_NODES}
     threaded: dict[Any, list[tuple[float, float]]] = {(nodes, n): [] for nodes in THREADED_NODES for n in THREADS}
+    control: list[float] = []
     for _ in range(repeats):  # in turns, so that whatever else the machine does disturbs all alike
         for case in cases:
             samples[case].append({"iteration": busy_iteration(machines[case], CALLS), **profile(machines[case], CALLS)})
         for nodes, n in threaded:
             threaded[nodes, n].append(at_once(pairs[nodes][:n]))
+        control.append(2 * hashing(1) / hashing(2))
     rows = [
         {"lanes": lanes, "nodes": nodes, "us_per_node": middle(samples[lanes, nodes], 1e6 / nodes)}
         for lanes, nodes in cases
@@ -103,7 +117,7 @@ def main(repeats: int = 15, json: bool = False) -> dict[str, Any]:
             "processor_time": round(median(b / a for a, b in zip(busy_one, busy_two, strict=True)), 3),
         })  # fmt: skip
     results: dict[str, Any] = {
-        "benchmark": "scaling", "repeats": repeats, "dt": DT, "sizes": rows, "threads": gains,
+        "benchmark": "scaling", "repeats": repeats, "dt": DT, "sizes": rows, "threads": gains, "gain_of_hashing": round(median(control), 3),
         **surroundings(library_for(made[NODES[0]])[0].built),
     }  # fmt: skip
     lines = ["median µs per node and iteration", f"{'nodes':>8}" + "".join(f"{f'W={w}':>10}" for w in LANES)]
@@ -115,12 +129,10 @@ def main(repeats: int = 15, json: bool = False) -> dict[str, Any]:
         f"{row['nodes']:8d}{row['gain']:10.2f}{row['gain_of_least']:10.2f}{row['processor_time']:10.2f}"
         for row in gains
     ]
-    tell(results, json, lines)
+    lines.append(f"gain of hashing {median(control):.2f}")
+    tell(results, lines, json=json, save=save)
     return results
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=15)
-    parser.add_argument("--json", action="store_true", help="print all as JSON")
-    main(**vars(parser.parse_args()))
+    main(**vars(arguments(__doc__, repeats=15).parse_args()))

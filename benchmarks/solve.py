@@ -1,4 +1,4 @@
-"""Time the parts of one iteration of the barrel roll, and print medians as JSON.
+"""Time the parts of one iteration of the barrel roll in the NumPy backend, and print medians as JSON.
 
 Every repetition runs all parts in turn, so that a busy machine disturbs them alike; pairs are timed side by side.
 """
@@ -81,13 +81,13 @@ def main(example: str = "barrel_roll.py", repeats: int = 15) -> dict[str, float]
     """Print the medians as JSON and return them [ms]."""
     problem = runpy.run_path(str(EXAMPLES / example))["problem"]
     began = perf_counter()
-    solver = solvers.MSiLQR(problem() if callable(problem) else problem)
+    solver = solvers.MSiLQR(problem() if callable(problem) else problem, backend="numpy")
     built = perf_counter() - began
     medians = measure(parts_of(solver), repeats)
     stages = solver.problem.num_stages
     in_turn = ("derivatives", "backward sweep", "linear roll-out", "line search, one trial")
     iteration = sum(medians[name] for name in in_turn)
-    limited = solvers.MSiLQR(solver.problem, solvers.Options(max_iterations=20))
+    limited = solvers.MSiLQR(solver.problem, solvers.Options(max_iterations=20), backend="numpy")
     report = {
         "example": example,
         "stages": stages,

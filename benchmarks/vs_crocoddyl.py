@@ -10,7 +10,6 @@ import os
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before NumPy and Crocoddyl start their threads
 
-import argparse
 import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,7 +22,7 @@ from typing import Any
 import crocoddyl
 import numpy as np
 import pinocchio
-from common import begin, iteration, machine_at, middle, profile, solve, steps, surroundings, tell
+from common import arguments, begin, iteration, machine_at, middle, profile, solve, steps, surroundings, tell
 from numpy.typing import NDArray
 
 from piaffe import models, ocp
@@ -310,7 +309,7 @@ def their_build() -> dict[str, Any]:
     return {**found, "instructions_with": {kind: text.count(f"%{kind}") for kind in ("xmm", "ymm", "zmm")}}
 
 
-def main(robots: list[str], repeats: int = 60, json: bool = False) -> dict[str, Any]:
+def main(robots: list[str], repeats: int = 60, json: bool = False, save: bool = False) -> dict[str, Any]:
     """Print and return differences, times per node and ratios."""
     results: dict[str, Any] = {"benchmark": "vs_crocoddyl", "nodes": NODES, "dt": DT, "repeats": repeats, "robots": {}}
     for name in robots:
@@ -329,13 +328,11 @@ def main(robots: list[str], repeats: int = 60, json: bool = False) -> dict[str, 
                 ratio = result["times_faster"][who][part]["median"]
                 row += f"{result['us_per_node'][who][part]['median']:10.2f} ({ratio:5.1f})"
             lines.append(row)
-    tell(results, json, lines)
+    tell(results, lines, json=json, save=save)
     return results
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = arguments(__doc__, repeats=60)
     parser.add_argument("robots", nargs="*", default=["solo12", "go2"])
-    parser.add_argument("--repeats", type=int, default=60)
-    parser.add_argument("--json", action="store_true", help="print all as JSON")
     main(**vars(parser.parse_args()))
