@@ -117,7 +117,8 @@ def main(repeats: int = 15, json: bool = False, save: bool = False) -> dict[str,
             "processor_time": round(median(b / a for a, b in zip(busy_one, busy_two, strict=True)), 3),
         })  # fmt: skip
     results: dict[str, Any] = {
-        "benchmark": "scaling", "repeats": repeats, "dt": DT, "sizes": rows, "threads": gains, "gain_of_hashing": round(median(control), 3),
+        "benchmark": "scaling", "repeats": repeats, "dt": DT, "sizes": rows, "threads": gains,
+        "gain_of_hashing": round(median(control), 3),
         **surroundings(library_for(made[NODES[0]])[0].built),
     }  # fmt: skip
     lines = ["median µs per node and iteration", f"{'nodes':>8}" + "".join(f"{f'W={w}':>10}" for w in LANES)]
