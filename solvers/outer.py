@@ -99,7 +99,7 @@ class Outer:
     def _watch(self, values: list[PhaseValues], violations: tuple[float, float]) -> None:
         """Count the solved sub-problems in a row that pushed as hard as they may and have not reduced the violation."""
         now = max(violations[0] / self.o.max_equality, violations[1] / self.o.max_inequality)
-        stays = now > 1 and now > 0.9 * self._last_violation and self._pushes_hardest(values)
+        stays = now > 1 and now > 0.98 * self._last_violation and self._pushes_hardest(values)
         self._unmoved = self._unmoved + 1 if stays else 0
         self._last_violation = now
 
@@ -125,7 +125,7 @@ class Outer:
     @property
     def is_stuck(self) -> bool:
         """Whether pushing harder no longer reduces the violation."""
-        return self._unmoved > 5
+        return self._unmoved > 8
 
     def _update_inequalities(self, values: list[PhaseValues]) -> None:
         slack, floor = 0.25 * self.o.max_inequality, self.floor

@@ -506,7 +506,7 @@ static void update(Problem *pr, const Sums *at, int stationary)
         for (int i = 0; i < gr->num_ends; i++) soft |= is_soft(pr, &gr->ends[i], gr->mode->mg, gr->mode->mh, floor_);
     }
     double violation = fmax(at->max_h / o->max_equality, at->max_g / o->max_inequality);
-    int stays = violation > 1 && violation > 0.9 * pr->last_violation && !soft;
+    int stays = violation > 1 && violation > 0.98 * pr->last_violation && !soft;
     pr->unmoved = stays ? pr->unmoved + 1 : 0;
     pr->last_violation = violation;
 }
@@ -570,7 +570,7 @@ int piaffe_solve(Problem *pr, int resumed)
             update(pr, &at, stationary);
             pr->inner = pr->num_gains = 0;
             linearise(pr);
-            if (pr->unmoved > 5) return INFEASIBLE;
+            if (pr->unmoved > 8) return INFEASIBLE;
             if (!direction(pr, dV)) return LINE_SEARCH_FAILED;
         }
         if (pr->num_records >= o->max_iterations) return ITERATION_LIMIT;
