@@ -125,7 +125,6 @@ class Machine:
         group = self.types.Group()
         group.transition = ct.addressof(ct.c_char.in_dll(self.library, f"link{number}_table"))
         blocks = [self._block(part, "link", 0, 0, 0, link.nz) for part in self._parts(where)]
-        del self.blocks[len(self.blocks) - len(blocks) :]  # no rows of their own
         group.num_blocks = len(blocks)
         group.blocks = self._keep((self.types.Block * max(len(blocks), 1))(*blocks))
         return group
@@ -149,7 +148,8 @@ class Machine:
         arrays["p"] = self._array(self.width * self._numbers(nodes[0], kind, "p").size)
         for name, array in arrays.items():
             setattr(block, name, self._pointer(array))
-        self.blocks.append((nodes, kind, arrays))
+        if kind != "link":  # transitions have no rows to write or read
+            self.blocks.append((nodes, kind, arrays))
         self._fill(nodes, kind, arrays)
         return block
 
