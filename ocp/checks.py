@@ -225,14 +225,22 @@ def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) 
                     node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
                     got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
                     raise ProblemError(
-                        f"{_owner(compiled, guess.phase, group, name, row)}, phase '{guess.phase.name}', node "
+                        f"{owner_of(compiled, guess.phase, group, name, row)}, phase '{guess.phase.name}', node "
                         f"{first + node}: {what} at the initial guess is not finite - got {got}, expected finite "
                         "numbers; move the guess or the term away from the singularity"
                     )
 
 
-def _owner(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: str, row: int) -> str:
-    """Return what a row of a function belongs to, in words."""
+def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: str, row: int) -> str:
+    """Return what a row of a function belongs to, in words: a term and where it was declared, or dynamics or a reset.
+
+    Args:
+        compiled: the problem.
+        phase: one of its phases.
+        group: ``"stage"``, ``"terminal"`` or ``"reset"``.
+        name: an output of the group's functions, such as ``"g"`` or ``"residual_w"``.
+        row: its row.
+    """
     kind, model = name.split("_")[0], phase.mode.model
     if group != "reset" and kind in ("residual", "g", "h"):
         owner: Row = phase.mode.rows[f"{group}_{kind}"][row]

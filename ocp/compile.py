@@ -19,6 +19,7 @@ from piaffe.errors import ModelError, ProblemError, UnknownNameError
 from .batch import Batch
 from .checks import check_guess, check_last, check_models, check_names, check_targets
 from .compiled import CompiledPhase, CompiledProblem
+from .finite import check_numbers
 from .lowering import LEFT_OUT, LoweredMode, Lowering
 from .model import ModelBase, Node, Sample
 from .numbers import Numbers
@@ -95,6 +96,7 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
         lowered=built,
         compile_s=time.perf_counter() - began,
     )
+    check_numbers(compiled)
     if checks:
         check_guess(compiled)
     return compiled

@@ -76,6 +76,12 @@ class Manifold:
         """One name per tangent component, e.g. ``"base.position x"``."""
         return tuple(f"{b.quantity} {label}" for b in self.blocks for label in b.labels)
 
+    @cached_property
+    def stored_labels(self) -> tuple[str, ...]:
+        """One name per stored component, e.g. ``"base.orientation w"``."""
+        parts = ((b, ("w", "x", "y", "z") if b.quantity.kind == "rotation" else b.labels) for b in self.blocks)
+        return tuple(f"{b.quantity} {label}".strip() for b, labels in parts for label in labels)
+
     def block(self, quantity: Quantity | str) -> Block:
         """Return the block of a quantity (or of its path)."""
         for block in self.blocks:

@@ -150,12 +150,12 @@ class Evaluator:
         rows = np.concatenate([res_w, g_w, h_w], axis=1)
         slopes = np.concatenate([
             dt * phase.weight * value.residual,
-            dt * weight * phase.g_mask * barrier.slope(value.g - dual.shift, dual.relaxation),
-            stage_h * (dual.penalty * value.h + dual.multiplier),
+            dt * weight * masked(phase.g_mask, barrier.slope(value.g - dual.shift, dual.relaxation)),
+            masked(stage_h, dual.penalty * value.h + dual.multiplier),
         ], axis=1)  # fmt: skip
         curvatures = np.concatenate([
             dt * phase.weight,
-            dt * weight * phase.g_mask * barrier.curvature(value.g - dual.shift, dual.relaxation),
+            dt * weight * masked(phase.g_mask, barrier.curvature(value.g - dual.shift, dual.relaxation)),
             stage_h * dual.penalty,
         ], axis=1)  # fmt: skip
         gradient = np.einsum("nr,nrw->nw", slopes, rows)
@@ -163,12 +163,14 @@ class Evaluator:
         end_rows = [a[0] for a in self.call(f["terminal_d"], x[-1:], phase.p_end[None])]
         end_slopes = [
             phase.end_weight * value.end_residual,
-            dt * weight * phase.end_g_mask * barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation),
-            phase.end_h_mask * (dual.end_penalty * value.end_h + dual.end_multiplier),
+            dt * weight * masked(phase.end_g_mask, barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation)),
+            masked(phase.end_h_mask, dual.end_penalty * value.end_h + dual.end_multiplier),
         ]
         end_curvatures = [
             phase.end_weight,
-            dt * weight * phase.end_g_mask * barrier.curvature(value.end_g - dual.end_shift, dual.end_relaxation),
+            dt
+            * weight
+            * masked(phase.end_g_mask, barrier.curvature(value.end_g - dual.end_shift, dual.end_relaxation)),
             phase.end_h_mask * dual.end_penalty,
         ]
         return LqPhase(
@@ -204,8 +206,14 @@ def running_cost(phase: CompiledPhase, value: PhaseValues) -> float:
 def penalty_cost(phase: CompiledPhase, value: PhaseValues, dual: PhaseDual, weight: float) -> float:
     """Return the barrier and augmented-Lagrangian cost of a phase."""
     dt = phase.dt
-    total = dt * weight * np.sum(phase.g_mask * barrier.value(value.g - dual.shift, dual.relaxation))
-    total += dt * weight * np.sum(phase.end_g_mask * barrier.value(value.end_g - dual.end_shift, dual.end_relaxation))
-    total += dt * np.sum(phase.h_mask * (0.5 * dual.penalty * value.h**2 + dual.multiplier * value.h))
+    total = dt * weight * np.sum(masked(phase.g_mask, barrier.value(value.g - dual.shift, dual.relaxation)))
+    end_g = barrier.value(value.end_g - dual.end_shift, dual.end_relaxation)
+    total += dt * weight * np.sum(masked(phase.end_g_mask, end_g))
+    total += dt * np.sum(masked(phase.h_mask, 0.5 * dual.penalty * value.h**2 + dual.multiplier * value.h))
     end = 0.5 * dual.end_penalty * value.end_h**2 + dual.end_multiplier * value.end_h
-    return float(total + np.sum(phase.end_h_mask * end))
+    return float(total + np.sum(masked(phase.end_h_mask, end)))
+
+
+def masked(mask: Array, rows: Array) -> Array:
+    """Return rows times their masks; one that is masked out is zero even where it is not finite."""
+    return np.where(mask > 0, mask * rows, 0.0)

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from threading import Lock
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem, Problem, compile_problem, require_derivatives
+from piaffe.ocp.finite import check_numbers
 
+from .fault import fault
 from .iterate import Evaluator, Iterate
 from .native import Backend, drive, native_machine
 from .options import Options
@@ -20,6 +24,7 @@ from .rollout import move
 from .run import Run
 from .solution import Solution
 from .status import Status
+from .warm_start import first_iterate
 
 Flags = NDArray[np.bool_]
 
@@ -55,6 +60,7 @@ class MSiLQR:
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
         self.evaluator = Evaluator(self.problem)
         self.machine = native_machine(self.problem, self.options, building) if backend == "native" else None
+        self._idle = Lock()
 
     @property
     def backend(self) -> Backend:
@@ -81,9 +87,30 @@ class MSiLQR:
             The solution; its status says how the solve ended. A solve that does not converge does not raise.
 
         Raises:
-            SolverError: the warm start or the flags do not fit the problem.
+            SolverError: the warm start or the flags do not fit the problem, the warm start is not finite, or another
+                thread is in this method of this object.
+            ProblemError: a number of the problem is not finite.
         """
         began = time.perf_counter()
+        check_numbers(self.problem)
+        if not self._idle.acquire(blocking=False):
+            raise SolverError(
+                "MSiLQR.solve: already solving - got a second call while another thread's runs, expected one at a "
+                "time, as they share memory; make an MSiLQR for each thread, or use solvers.solve_batch"
+            )
+        try:
+            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # a trial may be; see Status.NOT_FINITE
+                return self._solve(warm_start, shooting, progress, began)
+        finally:
+            self._idle.release()
+
+    def _solve(
+        self,
+        warm_start: Solution | None,
+        shooting: bool | Sequence[ArrayLike],
+        progress: Callable[[Record], None] | None,
+        began: float,
+    ) -> Solution:
         flags = self.flags(shooting)
         start = self.start(warm_start)
         if not all(f.all() for f in flags):
@@ -99,24 +126,17 @@ class MSiLQR:
                 status = run.loop()
         except KeyboardInterrupt:
             status = Status.INTERRUPTED
-        return assemble(run, status, time.perf_counter() - began)
+        solution = assemble(run, status, time.perf_counter() - began)
+        if status is not Status.NOT_FINITE:
+            return solution
+        found = fault(self.evaluator, run.current.iterate, run.outside)
+        if not found and self.machine is not None:
+            found = self.machine.fault()
+        return replace(solution, fault=found)
 
     def start(self, warm_start: Solution | None) -> Iterate:
         """Return the states and controls to begin with."""
-        phases = self.problem.phases
-        if warm_start is None:
-            return Iterate([p.guess_states for p in phases], [p.guess_controls for p in phases])
-        given = warm_start.trajectory.phases
-        sizes = [(p.name, p.num_stages, p.mode.state.nx, p.mode.nu) for p in phases]
-        got = [(p.name, len(p.controls), p.states.shape[1], p.controls.shape[1]) for p in given]
-        if [s[1:] for s in sizes] != [g[1:] for g in got]:
-            raise SolverError(
-                f"warm start: does not fit the problem - got phases {got}, expected {sizes} (name, stages, nx, nu); "
-                "pass a solution of the same phases, or none"
-            )
-        states = [p.states.copy() for p in given]
-        states[0][0] = self.problem.initial
-        return Iterate(states, [p.controls.copy() for p in given])
+        return first_iterate(self.problem, warm_start)
 
     def flags(self, shooting: bool | Sequence[ArrayLike]) -> list[Flags]:
         """Return which nodes are shooting nodes, per phase (N+1,)."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from piaffe.ocp import CompiledProblem
 
 from . import barrier
-from .iterate import PhaseDual, PhaseValues
+from .iterate import PhaseDual, PhaseValues, masked
 from .options import Options
 from .solution import Solution
 
@@ -140,8 +140,8 @@ class Outer:
         slow = equality > 0.25 * self._last_equality and equality > self.o.max_equality
         self._last_equality = equality
         factor = self.o.penalty_factor if slow else 1.0
-        for v, d in zip(values, self.duals, strict=True):
-            d.multiplier = d.multiplier + d.penalty * v.h
-            d.end_multiplier = d.end_multiplier + d.end_penalty * v.end_h
+        for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
+            d.multiplier = d.multiplier + masked(p.h_mask, d.penalty * v.h)
+            d.end_multiplier = d.end_multiplier + masked(p.end_h_mask, d.end_penalty * v.end_h)
             d.penalty = np.minimum(d.penalty * factor, self.o.max_penalty)
             d.end_penalty = np.minimum(d.end_penalty * factor, self.o.max_penalty)

@@ -38,6 +38,15 @@ class LqPhase:
     end_xx: Array
     P: Array | None
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether every number of the model is finite."""
+        parts = (
+            self.A, self.B, self.d, self.l_x, self.l_u, self.l_xx, self.l_ux, self.l_uu, self.end_x, self.end_xx,
+            *(() if self.P is None else (self.P,)),
+        )  # fmt: skip
+        return all(bool(np.all(np.isfinite(part))) for part in parts)
+
 
 @dataclass(frozen=True, eq=False)
 class Sweep:

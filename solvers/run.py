@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .iterate import Evaluator, Iterate, PhaseValues, penalty_cost, running_cost
+from .iterate import Evaluator, Iterate, PhaseValues, masked, penalty_cost, running_cost
 from .options import Options
 from .outer import Outer
 from .record import Record
@@ -71,6 +71,7 @@ class Run:
         self.rho = self.least_rho = options.merit_offset
         self.inner = 0
         self.gains: list[float] = []
+        self.outside: Iterate | None = None  # a trial on the way to or from the current iterate, merit not finite
 
     # ---- evaluation
 
@@ -89,8 +90,10 @@ class Run:
         """Return the largest equality and inequality violations."""
         h, g = [0.0], [0.0]
         for p, v in zip(self.problem.phases, at.values, strict=True):
-            h += [np.max(np.abs(v.h * p.h_mask), initial=0.0), np.max(np.abs(v.end_h * p.end_h_mask), initial=0.0)]
-            g += [np.max(-v.g * p.g_mask, initial=0.0), np.max(-v.end_g * p.end_g_mask, initial=0.0)]
+            for values, mask in ((v.h, p.h_mask), (v.end_h, p.end_h_mask)):
+                h.append(np.max(np.abs(masked(mask, values)), initial=0.0))
+            for values, mask in ((v.g, p.g_mask), (v.end_g, p.end_g_mask)):
+                g.append(np.max(-masked(mask, values), initial=0.0))
         return float(max(h)), float(max(g))
 
     def linearise(self) -> list[LqPhase]:
@@ -111,8 +114,10 @@ class Run:
         while True:
             direction = self.direction()
             if direction is None:
-                return Status.LINE_SEARCH_FAILED
+                return self.failed()
             stationary = self.is_stationary(direction)
+            if stationary and self.is_blocked():
+                return Status.NOT_FINITE
             if stationary and self.meets_everything():
                 return Status.CONVERGED
             if stationary or self.is_due():
@@ -120,7 +125,7 @@ class Run:
                 if self.outer.is_stuck:
                     return Status.INFEASIBLE
                 if direction is None:
-                    return Status.LINE_SEARCH_FAILED
+                    return self.failed()
             if len(self.history) >= self.o.max_iterations:
                 return Status.ITERATION_LIMIT
             if self.o.time_limit_s is not None and time.perf_counter() - self.began > self.o.time_limit_s:
@@ -129,9 +134,14 @@ class Run:
             self.adapt(size)
             self.record(direction, size)
             if self.regularization > self.o.max_regularization:
-                return Status.LINE_SEARCH_FAILED
+                return self.failed()
             if size > 0.0:
                 self.models = self.linearise()
+
+    def failed(self) -> Status:
+        """Return why there is no step: something is not finite, or nothing decreases the merit."""
+        finite = self.outside is None and all(model.is_finite for model in self.models)
+        return Status.LINE_SEARCH_FAILED if finite else Status.NOT_FINITE
 
     def is_stationary(self, direction: Direction) -> bool:
         """Return whether the sub-problem is solved: nothing is expected, or nothing has been gained for long."""
@@ -139,6 +149,16 @@ class Run:
         nothing_expected = abs(direction.dV1 + 0.5 * direction.dV2) < tolerance
         nothing_gained = len(self.gains) >= _PATIENCE and max(self.gains[-_PATIENCE:]) < tolerance
         return (nothing_expected or nothing_gained) and self.current.max_defect < self.o.max_defect
+
+    def is_blocked(self) -> bool:
+        """Return whether an iterate only looks stationary, as regularisation keeps steps where the merit is finite."""
+        if self.outside is None or self.regularization <= self.o.regularization:
+            return False
+        sweeps = backward(self.models, self.o.regularization)
+        if sweeps is None:
+            return False
+        direction = roll_out(self.models, sweeps)
+        return not abs(direction.dV1 + 0.5 * direction.dV2) < self.o.cost_tolerance * (1 + abs(self.current.cost))
 
     def is_due(self) -> bool:
         """Return whether to leave the sub-problem unsolved: it has had its iterations, and rows are violated."""
@@ -188,7 +208,9 @@ class Run:
             sweeps = backward(self.models, self.regularization)
             if sweeps is not None:
                 self.sweeps = sweeps
-                return roll_out(self.models, sweeps)
+                direction = roll_out(self.models, sweeps)
+                if np.isfinite(direction.dV1 + direction.dV2):
+                    return direction
             self.raise_regularization()
         return None
 
@@ -229,14 +251,18 @@ class Run:
         before = self.augmented(self.current) + self.rho * gap
         last = self.history[-1].step_size if self.history else 1.0
         size = min(1.0, last / self.o.step_shrink**3) if last > 0 else 1.0
+        left = False
         while size >= self.o.min_step:
             expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap
             bound = before + self.o.armijo * expected + 1e-12 * abs(before)
             trial = self.trial(self.current.iterate, direction.dx, direction.du, size)
             for correction in range(self.o.corrections + 1):
                 merit = self.augmented(trial) + self.rho * trial.gap
+                if not np.isfinite(merit):
+                    self.outside, left = trial.iterate, True
                 if np.isfinite(merit) and merit <= bound:
                     self.current = trial
+                    self.outside = self.outside if left else None
                     self.gains.append(before - merit)
                     return size
                 blamed = np.isfinite(merit) and trial.gap > (1 - 0.9 * size) * gap

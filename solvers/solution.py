@@ -90,6 +90,7 @@ class Solution:
         barrier_weight: last ε.
         wall_s: time of the solve [s]. compile_s: time of compilation [s].
         models: model name → recipe. limits: what constraints declared, for plots.
+        fault: what is not finite, by function, declaration, phase, node and time; empty if nothing is.
     """
 
     status: Status
@@ -107,6 +108,7 @@ class Solution:
     compile_s: float
     models: Mapping[str, Mapping[str, Any]]
     limits: tuple[Mapping[str, Any], ...]
+    fault: str = ""
 
     @property
     def converged(self) -> bool:
@@ -136,7 +138,7 @@ class Solution:
 
     def explain(self) -> str:
         """Say how the solve ended, what it missed, and what stands in its way."""
-        lines = [self.status.advice]
+        lines = [self.status.advice, *([self.fault] if self.fault else [])]
         if self.history:
             last = self.history[-1]
             lines.append(

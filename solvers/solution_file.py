@@ -63,7 +63,7 @@ def save(solution: Solution, path: Path) -> Path:
     header = {
         "format": FORMAT, "version": VERSION, "status": solution.status.name, "phases": phases, "history": names,
         "term_costs": dict(solution.term_costs), "violations": [asdict(v) for v in solution.violations],
-        "models": dict(solution.models), "limits": list(solution.limits),
+        "models": dict(solution.models), "limits": list(solution.limits), "fault": solution.fault,
         **{name: getattr(solution, name) for name in _NUMBERS},
     }  # fmt: skip
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
@@ -154,5 +154,6 @@ def _assemble(header: dict[str, Any], data: dict[str, Array]) -> Solution:
     return Solution(
         status=Status[header["status"]], trajectory=Trajectory(tuple(parts)), phases=tuple(policies), history=history,
         term_costs=header["term_costs"], violations=tuple(Violation(**v) for v in header["violations"]),
-        models=header["models"], limits=tuple(header["limits"]), **{name: float(header[name]) for name in _NUMBERS},
+        models=header["models"], limits=tuple(header["limits"]), fault=header.get("fault", ""),
+        **{name: float(header[name]) for name in _NUMBERS},
     )  # fmt: skip

@@ -23,8 +23,8 @@ class Status(Enum):
         "all hold: relax them, lengthen the phase or move the keyframe."
     )
     NOT_FINITE = (
-        "The start of the solve is not finite: a value or derivative is NaN at the initial guess or warm start; check "
-        "the initial state and the parameters."
+        "A value or derivative is NaN or infinite, at the start or where no step leads past it; check the function "
+        "that explain() names: bound what it may see, or begin elsewhere."
     )
     INTERRUPTED = "Interrupted by the user; the best iterate so far is returned."
 

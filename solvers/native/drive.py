@@ -6,12 +6,17 @@ import ctypes as ct
 import threading
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..iterate import Iterate
 from ..record import Record
 from ..run import Run
 from ..status import Status
 from . import structs as s
 from .machine import Machine
+
+Array = NDArray[np.float64]
 
 _STATUS = (
     Status.CONVERGED, Status.ITERATION_LIMIT, Status.TIME_LIMIT, Status.LINE_SEARCH_FAILED, Status.INFEASIBLE,
@@ -49,7 +54,8 @@ def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], 
         interrupted |= _stop(machine, worker)
     _records(machine, run.history, None)
     ended = _STATUS[result[0]] if result else Status.INTERRUPTED
-    _read(machine, run, accepted=bool(result) and ended is not Status.NOT_FINITE)
+    _read(machine, run, accepted=bool(result))
+    run.outside = iterate_of(machine, machine.outside) if machine.c.blocked else None
     return Status.INTERRUPTED if interrupted else ended
 
 
@@ -82,12 +88,16 @@ def _read(machine: Machine, run: Run, *, accepted: bool) -> None:
             setattr(dual, name, stage.reshape(getattr(dual, name).shape))
             setattr(dual, f"end_{name}", end.reshape(getattr(dual, f"end_{name}").shape))
     run.outer.weight = machine.c.weight
+    run.current = run.evaluate(iterate_of(machine, machine.accepted if accepted else machine.trial))
+
+
+def iterate_of(machine: Machine, read: Callable[[int, str], Array]) -> Iterate:
+    """Return a copy of the iterate that ``read`` reads."""
     states, controls = [], []
-    read = machine.accepted if accepted else machine.trial
     for i, phase in enumerate(machine.problem.phases):
         states.append(read(i, "x").reshape(phase.num_stages + 1, -1).copy())
         controls.append(read(i, "u").reshape(phase.num_stages, phase.mode.nu).copy())
-    run.current = run.evaluate(Iterate(states, controls))
+    return Iterate(states, controls)
 
 
 def _records(machine: Machine, history: list[Record], report: Callable[[Record], None] | None) -> None:

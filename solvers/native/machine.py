@@ -80,7 +80,8 @@ class Machine:
             n, nx, ndx, nu = phase.num_stages, phase.mode.state.nx, phase.mode.state.ndx, phase.mode.nu
             nw, after = ndx + nu, phase.transition.target.state.ndx if phase.transition is not None else 0
             sizes = {
-                "x": (n + 1) * nx, "xt": (n + 1) * nx, "u": n * nu, "ut": n * nu, "x_next": n * nx, "start": nx,
+                "x": (n + 1) * nx, "xt": (n + 1) * nx, "u": n * nu, "ut": n * nu,
+                "x_outside": (n + 1) * nx, "u_outside": n * nu, "x_next": n * nx, "start": nx,
                 "d": (n + 1) * ndx, "dt_trial": (n + 1) * ndx, "D": n * ndx * nw, "grad": n * nw, "H": n * nw * nw,
                 "end_grad": ndx, "end_H": ndx * ndx, "P": after * ndx, "dx": (n + 1) * ndx, "du": n * nu, "k": n * nu,
                 "K": n * nu * ndx, "V_x": (n + 1) * ndx, "V_xx": (n + 1) * ndx * ndx, "Q_x": n * ndx, "Q_u": n * nu,
@@ -173,6 +174,22 @@ class Machine:
             filler = np.repeat(rows[:1], spare, axis=0) if name == "p" else np.zeros((spare, rows.shape[1]))
             arrays[name][:] = np.concatenate([rows, filler]).T.reshape(-1)
 
+    def fault(self) -> str:
+        """Return where a step or its derivative is not finite in the solver's own memory; empty if nowhere.
+
+        It is asked where NumPy, which pivots in the linear solve of an implicit step, finds nothing that is not.
+        """
+        for phase, own in zip(self.problem.phases, self.arrays, strict=True):
+            for name, of in (("x_next", ""), ("D", "derivative of ")):
+                bad = np.flatnonzero(~np.isfinite(own[name].reshape(phase.num_stages, -1)).all(axis=1))
+                if bad.size:
+                    return (
+                        f"{of}dynamics of model '{phase.mode.model.name}' ({phase.interval.phase.source}) is not "
+                        f"finite as compiled, without pivots, in phase '{phase.name}' ({phase.label}), node {bad[0]}, "
+                        f"at {phase.times[bad[0]]:.4g} s; see ModelBase.definite_size, or solve with backend='numpy'."
+                    )
+        return ""
+
     # ---- rows in lanes and back
 
     def write_rows(self, name: str, kind: str, values: list[Array]) -> None:
@@ -207,6 +224,10 @@ class Machine:
         here = ct.addressof(getattr(self.phases[i], name).contents)
         own = self.arrays[i]
         return own[name] if own[name].ctypes.data == here else own[other]
+
+    def outside(self, i: int, name: str) -> Array:
+        """Return x or u of the last trial whose merit was not finite."""
+        return self.arrays[i][f"{name}_outside"]
 
     def trial(self, i: int, name: str) -> Array:
         """Return the trial buffer that is not the accepted one."""

@@ -20,15 +20,15 @@ RECORD = [
     "regularization", "barrier_weight", "wall_s",
 ]  # fmt: skip
 _OF_PHASE = [
-    "x", "u", "xt", "ut", "x_next", "start", "d", "dt_trial", "D", "grad", "H", "end_grad", "end_H", "P", "dx", "du",
-    "k", "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
+    "x", "u", "xt", "ut", "x_outside", "u_outside", "x_next", "start", "d", "dt_trial", "D", "grad", "H", "end_grad",
+    "end_H", "P", "dx", "du", "k", "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
 ]  # fmt: skip
 _OF_BLOCK = [
     "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "relaxation", "shift",
     "multiplier", "penalty",
 ]  # fmt: skip
 _OF_SOLVE = ["weight", "rho", "least_rho", "regularization_now", "cost", "last_equality", "last_cost", "last_violation"]
-_COUNTERS = ["inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains"]
+_COUNTERS = ["inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
 
 
 class Options(ct.Structure):

@@ -49,6 +49,7 @@ typedef struct Phase {
     double dt;
     double *x, *u;                          /* accepted: (N+1, nx), (N, nu) */
     double *xt, *ut;                        /* trial */
+    double *x_outside, *u_outside;          /* the last trial whose merit was not finite */
     double *x_next;                          /* dynamics of the stages at trial and accepted: (N, nx) */
     double *start;                          /* what the initial state or the reset makes of node 0: (nx) */
     double *d, *dt_trial;                   /* defects, accepted and trial: (N+1, ndx) */
@@ -98,7 +99,7 @@ typedef struct {
     double *slope, *curvature;              /* scratch in lane layout: rows of the largest mode times W */
     /* state of a solve */
     double weight, rho, least_rho, regularization_now, cost, last_equality, last_cost, last_violation;
-    int inner, unmoved, has_last_cost, has_inequalities, num_gains;
+    int inner, unmoved, has_last_cost, has_inequalities, num_gains, blocked; /* whether a trial on the way to or from the iterate was outside */
     double gains[8];
 } Problem;
 

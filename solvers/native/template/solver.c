@@ -233,7 +233,7 @@ static void rows(const Problem *pr, const Block *b, int nr, int ng, int nh, int 
     s += ng * W, c += ng * W;
     for (int r = 0; r < nh * W; r++) {
         double scale = (is_end ? 1.0 : b->dt[r % W]) * b->h_mask[r];
-        s[r] = scale * (b->penalty[r] * b->h0[r] + b->multiplier[r]);
+        s[r] = scale == 0.0 ? 0.0 : scale * (b->penalty[r] * b->h0[r] + b->multiplier[r]);
         c[r] = scale * b->penalty[r];
     }
 }
@@ -390,6 +390,17 @@ static double augmented_of_accepted(Problem *pr)
     return s.cost + s.penalty;
 }
 
+/* A copy of the trial, whose merit is not finite. */
+static void keep_outside(Problem *pr)
+{
+    pr->blocked = 1;
+    for (int i = 0; i < pr->num_phases; i++) {
+        Phase *ph = &pr->phases[i];
+        memcpy(ph->x_outside, ph->xt, sizeof(double) * (size_t)((ph->N + 1) * ph->mode->nx));
+        memcpy(ph->u_outside, ph->ut, sizeof(double) * (size_t)(ph->N * ph->mode->nu));
+    }
+}
+
 static double search(Problem *pr, const double dV[2], Sums *at)
 {
     const Options *o = &pr->options;
@@ -399,6 +410,7 @@ static double search(Problem *pr, const double dV[2], Sums *at)
     pr->rho = fmax(fmax(needed, 0.98 * pr->rho), pr->least_rho);
     double before = augmented_of_accepted(pr) + pr->rho * gap;
     double last = pr->num_records ? pr->history[pr->num_records - 1].step_size : 1.0;
+    int left = 0;
     double size = last > 0 ? fmin(1.0, last / (o->step_shrink * o->step_shrink * o->step_shrink)) : 1.0;
     while (size >= o->min_step) {
         double expected = size * dV[0] + 0.5 * size * size * dV[1] - size * pr->rho * gap;
@@ -409,8 +421,10 @@ static double search(Problem *pr, const double dV[2], Sums *at)
             evaluate(pr);
             Sums s = sums_of_trial(pr);
             double merit = s.cost + s.penalty + pr->rho * s.gap;
+            if (!isfinite(merit)) keep_outside(pr), left = 1;
             if (isfinite(merit) && merit <= bound) {
                 accept(pr);
+                pr->blocked = left;
                 *at = s;
                 pr->gains[pr->num_gains++ % PATIENCE] = before - merit;
                 return size;
@@ -462,7 +476,7 @@ static void update_rows(Problem *pr, Block *b, int ng, int nh, double factor)
         }
     }
     for (int r = 0; r < nh * W; r++) {
-        b->multiplier[r] += b->penalty[r] * b->h0[r];
+        if (b->h_mask[r] > 0) b->multiplier[r] += b->penalty[r] * b->h0[r];
         b->penalty[r] = fmin(b->penalty[r] * factor, o->max_penalty);
     }
 }
@@ -519,12 +533,38 @@ static int direction(Problem *pr, double dV[2])
     while (pr->regularization_now <= o->max_regularization) {
         if (backward(pr, pr->regularization_now)) {
             forward(pr, 0, dV);
-            return 1;
+            if (isfinite(dV[0] + dV[1])) return 1;
         }
         pr->regularization_now = fmax(4 * pr->regularization_now, o->regularization);
     }
     return 0;
 }
+
+static int all_finite(const double *a, size_t n)
+{
+    double sum = 0.0; /* stays 0 unless some a is not finite */
+    for (size_t i = 0; i < n; i++) sum += 0.0 * a[i];
+    return sum == 0.0;
+}
+
+static int model_is_finite(const Problem *pr)
+{
+    for (int i = 0; i < pr->num_phases; i++) {
+        const Phase *ph = &pr->phases[i];
+        size_t n = (size_t)ph->mode->ndx, nw = n + (size_t)ph->mode->nu, N = (size_t)ph->N;
+        if (!all_finite(ph->D, N * n * nw) || !all_finite(ph->grad, N * nw) || !all_finite(ph->end_grad, n)) return 0;
+        if (ph->next && !all_finite(ph->P, (size_t)ph->next->mode->ndx * n)) return 0;
+        for (size_t k = 0; k < N; k++)
+            for (size_t r = 0; r < nw; r++)
+                if (!all_finite(ph->H + (k * nw + r) * nw + r, nw - r)) return 0; /* the upper triangle is what is written */
+        for (size_t r = 0; r < n; r++)
+            if (!all_finite(ph->end_H + r * n + r, n - r)) return 0;
+    }
+    return 1;
+}
+
+/* Why there is no step: something is not finite, or nothing decreases the merit. */
+static int failure(const Problem *pr) { return pr->blocked || !model_is_finite(pr) ? NOT_FINITE : LINE_SEARCH_FAILED; }
 
 static int gained_nothing(const Problem *pr, double tolerance)
 {
@@ -534,6 +574,15 @@ static int gained_nothing(const Problem *pr, double tolerance)
     return 1;
 }
 
+/* Whether an iterate looks stationary only because regularisation keeps steps where the merit is finite. Overwrites the step. */
+static int is_blocked(Problem *pr, double tolerance)
+{
+    double dV[2];
+    if (!backward(pr, pr->options.regularization)) return 0;
+    forward(pr, 0, dV);
+    return !(fabs(dV[0] + 0.5 * dV[1]) < tolerance);
+}
+
 int piaffe_solve(Problem *pr, int resumed)
 {
     const Options *o = &pr->options;
@@ -541,7 +590,7 @@ int piaffe_solve(Problem *pr, int resumed)
     if (!resumed) pr->weight = o->barrier_weight, pr->has_last_cost = 0;
     pr->rho = pr->least_rho = o->merit_offset;
     pr->regularization_now = 0.0;
-    pr->inner = pr->unmoved = pr->num_gains = pr->num_records = 0;
+    pr->inner = pr->unmoved = pr->num_gains = pr->num_records = pr->blocked = 0;
     pr->last_equality = pr->last_violation = INFINITY;
     pr->has_inequalities = 0;
     for (int g = 0; g < pr->num_groups; g++) {
@@ -554,16 +603,20 @@ int piaffe_solve(Problem *pr, int resumed)
     }
     evaluate(pr); /* the binding leaves the start in the trial arrays */
     Sums at = sums_of_trial(pr);
-    if (!isfinite(at.cost + at.penalty + at.gap)) return NOT_FINITE;
     accept(pr);
+    if (!isfinite(at.cost + at.penalty + at.gap)) return NOT_FINITE;
     linearise(pr);
     for (;;) {
         if (pr->cancel) return INTERRUPTED;
         pr->cost = at.cost;
-        if (!direction(pr, dV)) return LINE_SEARCH_FAILED;
+        if (!direction(pr, dV)) return failure(pr);
         double tolerance = o->cost_tolerance * (1 + fabs(at.cost));
         int stationary = (fabs(dV[0] + 0.5 * dV[1]) < tolerance || gained_nothing(pr, tolerance)) && at.max_defect < o->max_defect;
         int met = at.max_h <= o->max_equality && at.max_g <= o->max_inequality;
+        if (stationary && pr->blocked && pr->regularization_now > o->regularization) {
+            if (is_blocked(pr, tolerance)) return NOT_FINITE;
+            if (!direction(pr, dV)) return failure(pr);
+        }
         if (stationary && met && gap_is_closed(pr)) return CONVERGED;
         int due = pr->inner >= o->max_inner && at.max_defect < NEARLY_CLOSED && (!met || near_gap(pr) > allowed(pr));
         if (stationary || due) {
@@ -571,7 +624,7 @@ int piaffe_solve(Problem *pr, int resumed)
             pr->inner = pr->num_gains = 0;
             linearise(pr);
             if (pr->unmoved > 8) return INFEASIBLE;
-            if (!direction(pr, dV)) return LINE_SEARCH_FAILED;
+            if (!direction(pr, dV)) return failure(pr);
         }
         if (pr->num_records >= o->max_iterations) return ITERATION_LIMIT;
         if (o->time_limit_s > 0 && now() - began > o->time_limit_s) return TIME_LIMIT;
@@ -591,7 +644,7 @@ int piaffe_solve(Problem *pr, int resumed)
         };
         __sync_synchronize();
         pr->num_records++;
-        if (pr->regularization_now > o->max_regularization) return LINE_SEARCH_FAILED;
+        if (pr->regularization_now > o->max_regularization) return failure(pr);
         if (size > 0.0) linearise(pr);
     }
 }

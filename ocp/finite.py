@@ -1,0 +1,96 @@
+"""Numbers of a compiled problem that are not finite, by the name of what they belong to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ProblemError
+
+from .compiled import CompiledPhase, CompiledProblem
+from .layout import Layout
+from .lowering import Row
+
+Array = NDArray[np.float64]
+
+
+def check_numbers(compiled: CompiledProblem) -> None:
+    """Raise if a number of a compiled problem is NaN or infinite; name its declaration, the node and the entry.
+
+    Raises:
+        ProblemError: a parameter, weight, target, bound, time, initial state or guess is not finite.
+    """
+    _check_initial(compiled)
+    for i, phase in enumerate(compiled.phases):
+        for where, layout, first, table in _parameters(phase):
+            if np.all(np.isfinite(table)):
+                continue
+            node, entry = (int(k) for k in np.argwhere(~np.isfinite(table))[0])
+            slot = next(name for name, part in layout.slices.items() if part.start <= entry < part.stop)
+            place = f"phase '{phase.name}', {f'node {first + node}' if first >= 0 else 'reset'}"
+            raise _error(
+                f"{describe_slot(compiled, slot, where)}, {place}", entry - layout.slices[slot].start,
+                table[node, entry],
+            )  # fmt: skip
+        for what, first, array, rows in _tables(phase):
+            if np.all(np.isfinite(array)):
+                continue
+            node, entry = (int(k) for k in np.argwhere(~np.isfinite(array))[0])
+            owner = f"term '{compiled.row_name(rows[entry])}' ({_source(compiled, rows[entry])}), " if rows else ""
+            name = f"{owner}phase {i} '{phase.name}' ({phase.interval.phase.source}), node {first + node}: {what}"
+            raise _error(name, entry, array[node, entry])
+
+
+def describe_slot(compiled: CompiledProblem, slot: str, model: str) -> str:
+    """Return what a part of a parameter vector was declared as, with file and line."""
+    kind, _, name = slot.partition(".")
+    if kind == "parameter":
+        return f"parameter '{name}'"
+    if kind == "model":
+        return f"model '{model}', number '{name}'"
+    if kind.startswith("term"):
+        term = compiled.terms[int(kind.removeprefix("term"))]
+        return f"{term.where}: {name}"
+    return f"model '{model}', time step {slot}"
+
+
+def _check_initial(compiled: CompiledProblem) -> None:
+    bad = np.flatnonzero(~np.isfinite(compiled.initial))
+    if bad.size:
+        entry = int(bad[0])
+        model = compiled.phases[0].mode.model
+        where = f"initial state of model '{model.name}', '{model.state.stored_labels[entry]}'"
+        raise _error(where, entry, compiled.initial[entry])
+
+
+def _parameters(phase: CompiledPhase) -> Iterator[tuple[str, Layout, int, Array]]:
+    """Yield model, layout, first node (-1 for a reset) and table of every parameter vector."""
+    yield phase.mode.model.name, phase.mode.layout, 0, phase.p
+    yield phase.mode.model.name, phase.mode.layout, phase.num_stages, phase.p_end[None]
+    if phase.transition is not None:
+        yield phase.mode.model.name, phase.transition.layout, -1, phase.p_transition[None]
+
+
+def _tables(phase: CompiledPhase) -> Iterator[tuple[str, int, Array, tuple[Row, ...]]]:
+    """Yield what, first node, table and the rows of its columns, of everything else that is a number."""
+    n, rows = phase.num_stages, phase.mode.rows
+    yield "weight", 0, phase.weight, rows["stage_residual"]
+    yield "mask", 0, phase.g_mask, rows["stage_g"]
+    yield "mask", 0, phase.h_mask, rows["stage_h"]
+    yield "weight", n, phase.end_weight[None], rows["terminal_residual"]
+    yield "mask", n, phase.end_g_mask[None], rows["terminal_g"]
+    yield "mask", n, phase.end_h_mask[None], rows["terminal_h"]
+    yield "time step", 0, np.array([[phase.dt]]), ()
+    yield "time", 0, phase.times[:, None], ()
+    yield "initial guess of the states", 0, phase.guess_states, ()
+    yield "initial guess of the controls", 0, phase.guess_controls, ()
+
+
+def _source(compiled: CompiledProblem, row: Row) -> str:
+    return str(compiled.terms[row.term].source) if row.term >= 0 else "derived from the contact sequence"
+
+
+def _error(where: str, entry: int, got: float) -> ProblemError:
+    return ProblemError(f"{where} is not finite - got {got} at entry {entry}, expected finite numbers; mend it")
