@@ -118,10 +118,10 @@ class MSiLQR:
             start = move(self.evaluator, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
         run = Run(self.evaluator, self.options, start, flags, progress)
         if warm_start is not None:
-            run.outer.resume(warm_start)
+            run.resume(warm_start)
         try:
             if self.machine is not None and all(f.all() for f in flags):
-                status = drive(self.machine, run, warm_start is not None, progress)
+                status = drive(self.machine, run, warm_start, progress)
             else:
                 status = run.loop()
         except KeyboardInterrupt:

@@ -28,10 +28,10 @@ class Outer:
         self.weight = options.barrier_weight
         self.duals = [self._first(i) for i in range(len(problem.phases))]
         self.has_inequalities = any(p.g_mask.any() or p.end_g_mask.any() for p in problem.phases)
-        self._last_equality = np.inf
+        self.last_equality = np.inf
         self.last_cost: float | None = None
-        self._unmoved = 0
-        self._last_violation = np.inf
+        self.unmoved = 0
+        self.last_violation = np.inf
 
     def _first(self, i: int) -> PhaseDual:
         phase, o = self.problem.phases[i], self.o
@@ -44,7 +44,7 @@ class Outer:
         )  # fmt: skip
 
     def resume(self, solution: Solution) -> None:
-        """Take everything from an earlier solution."""
+        """Take barrier and multipliers from an earlier solution."""
         self.weight = solution.barrier_weight
         self.last_cost = solution.cost if solution.converged else None
         for dual, phase in zip(self.duals, solution.phases, strict=True):
@@ -99,9 +99,9 @@ class Outer:
     def _watch(self, values: list[PhaseValues], violations: tuple[float, float]) -> None:
         """Count the solved sub-problems in a row that pushed as hard as they may and have not reduced the violation."""
         now = max(violations[0] / self.o.max_equality, violations[1] / self.o.max_inequality)
-        stays = now > 1 and now > 0.98 * self._last_violation and self._pushes_hardest(values)
-        self._unmoved = self._unmoved + 1 if stays else 0
-        self._last_violation = now
+        stays = now > 1 and now > 0.98 * self.last_violation and self._pushes_hardest(values)
+        self.unmoved = self.unmoved + 1 if stays else 0
+        self.last_violation = now
 
     def _pushes_hardest(self, values: list[PhaseValues]) -> bool:
         """Return whether every violated row has its largest penalty or its smallest relaxation."""
@@ -125,7 +125,7 @@ class Outer:
     @property
     def is_stuck(self) -> bool:
         """Whether pushing harder no longer reduces the violation."""
-        return self._unmoved > 8
+        return self.unmoved > 8
 
     def _update_inequalities(self, values: list[PhaseValues]) -> None:
         slack, floor = 0.25 * self.o.max_inequality, self.floor
@@ -137,8 +137,8 @@ class Outer:
             d.end_relaxation = barrier.shrink(d.end_relaxation, v.end_g, p.end_g_mask, slack, floor)
 
     def _update_equalities(self, values: list[PhaseValues], equality: float) -> None:
-        slow = equality > 0.25 * self._last_equality and equality > self.o.max_equality
-        self._last_equality = equality
+        slow = equality > 0.25 * self.last_equality and equality > self.o.max_equality
+        self.last_equality = equality
         factor = self.o.penalty_factor if slow else 1.0
         for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
             d.multiplier = d.multiplier + masked(p.h_mask, d.penalty * v.h)

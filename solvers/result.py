@@ -41,6 +41,7 @@ def assemble(run: Run, status: Status, wall_s: float) -> Solution:
         violations=accounts.violations(problem, at.values, outer.duals, outer.weight), barrier_weight=outer.weight,
         wall_s=wall_s, compile_s=problem.compile_s,
         models={p.mode.model.name: p.mode.model.recipe() for p in problem.phases}, limits=accounts.limits(problem),
+        search=run.search_state(),
     )  # fmt: skip
 
 

@@ -15,6 +15,8 @@ from .outer import Outer
 from .record import Record
 from .riccati import Direction, LqPhase, Sweep, backward, close_defects, roll_out
 from .rollout import Flags, move
+from .search_state import SearchState, is_same
+from .solution import Solution
 from .status import Status
 
 Array = NDArray[np.float64]
@@ -68,10 +70,33 @@ class Run:
         self.models: list[LqPhase] = []
         self.sweeps: list[Sweep] = []
         self.regularization = 0.0
+        self.step_size = 1.0
         self.rho = self.least_rho = options.merit_offset
         self.inner = 0
         self.gains: list[float] = []
         self.outside: Iterate | None = None  # a trial on the way to or from the current iterate, merit not finite
+
+    # ---- going on from an earlier solve
+
+    def resume(self, solution: Solution) -> None:
+        """Take barrier and multipliers from a solution, and the state of the search if it is of this very problem."""
+        self.outer.resume(solution)
+        state = solution.search
+        if state is None or not is_same(self.augmented(self.current) + state.rho * self.current.gap, state.merit):
+            return
+        self.rho, self.least_rho, self.regularization = state.rho, state.least_rho, state.regularization
+        self.step_size, self.gains, self.inner = state.step_size, list(state.gains), state.inner
+        self.outer.unmoved, self.outer.last_cost = state.unmoved, state.last_cost
+        self.outer.last_equality, self.outer.last_violation = state.last_equality, state.last_violation
+
+    def search_state(self) -> SearchState:
+        """Return what a later solve needs to go on from here."""
+        return SearchState(
+            merit=self.augmented(self.current) + self.rho * self.current.gap, rho=self.rho, least_rho=self.least_rho,
+            regularization=self.regularization, step_size=self.step_size, gains=tuple(self.gains[-_PATIENCE:]),
+            inner=self.inner, unmoved=self.outer.unmoved, last_equality=float(self.outer.last_equality),
+            last_violation=float(self.outer.last_violation), last_cost=self.outer.last_cost,
+        )  # fmt: skip
 
     # ---- evaluation
 
@@ -120,14 +145,14 @@ class Run:
                 return Status.NOT_FINITE
             if stationary and self.meets_everything():
                 return Status.CONVERGED
+            if len(self.history) >= self.o.max_iterations:
+                return Status.ITERATION_LIMIT
             if stationary or self.is_due():
                 direction = self.advance(stationary=stationary)
                 if self.outer.is_stuck:
                     return Status.INFEASIBLE
                 if direction is None:
                     return self.failed()
-            if len(self.history) >= self.o.max_iterations:
-                return Status.ITERATION_LIMIT
             if self.o.time_limit_s is not None and time.perf_counter() - self.began > self.o.time_limit_s:
                 return Status.TIME_LIMIT
             size = self.search(direction)
@@ -221,6 +246,7 @@ class Run:
     def adapt(self, size: float) -> None:
         """Regularise less after a good step, more after a short or failed one."""
         self.inner += 1
+        self.step_size = size
         if size == 0.0:
             self.raise_regularization()
             self.raise_regularization()
@@ -249,8 +275,7 @@ class Run:
         self.update_merit(direction)
         gap = self.current.gap
         before = self.augmented(self.current) + self.rho * gap
-        last = self.history[-1].step_size if self.history else 1.0
-        size = min(1.0, last / self.o.step_shrink**3) if last > 0 else 1.0
+        size = min(1.0, self.step_size / self.o.step_shrink**3) if self.step_size > 0 else 1.0
         left = False
         while size >= self.o.min_step:
             expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap

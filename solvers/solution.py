@@ -14,6 +14,7 @@ from piaffe.errors import SolverError
 from piaffe.ocp import Trajectory
 
 from .record import Record
+from .search_state import SearchState
 from .status import Status
 
 Array = NDArray[np.float64]
@@ -91,6 +92,7 @@ class Solution:
         wall_s: time of the solve [s]. compile_s: time of compilation [s].
         models: model name → recipe. limits: what constraints declared, for plots.
         fault: what is not finite, by function, declaration, phase, node and time; empty if nothing is.
+        search: what a warm start needs beside iterate and multipliers to go on as if the solve had not stopped.
     """
 
     status: Status
@@ -109,6 +111,7 @@ class Solution:
     models: Mapping[str, Mapping[str, Any]]
     limits: tuple[Mapping[str, Any], ...]
     fault: str = ""
+    search: SearchState | None = None
 
     @property
     def converged(self) -> bool:

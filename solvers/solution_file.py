@@ -17,6 +17,7 @@ from piaffe.errors import FileFormatError
 from piaffe.ocp import Block, Manifold, PhaseTrajectory, Quantity, Trajectory
 
 from .record import Record
+from .search_state import SearchState
 from .solution import PhaseSolution, Solution, Violation
 from .status import Status
 
@@ -64,6 +65,7 @@ def save(solution: Solution, path: Path) -> Path:
         "format": FORMAT, "version": VERSION, "status": solution.status.name, "phases": phases, "history": names,
         "term_costs": dict(solution.term_costs), "violations": [asdict(v) for v in solution.violations],
         "models": dict(solution.models), "limits": list(solution.limits), "fault": solution.fault,
+        "search": None if solution.search is None else solution.search.to_json(),
         **{name: getattr(solution, name) for name in _NUMBERS},
     }  # fmt: skip
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
@@ -155,5 +157,6 @@ def _assemble(header: dict[str, Any], data: dict[str, Array]) -> Solution:
         status=Status[header["status"]], trajectory=Trajectory(tuple(parts)), phases=tuple(policies), history=history,
         term_costs=header["term_costs"], violations=tuple(Violation(**v) for v in header["violations"]),
         models=header["models"], limits=tuple(header["limits"]), fault=header.get("fault", ""),
+        search=SearchState.from_json(header["search"]) if header.get("search") else None,
         **{name: float(header[name]) for name in _NUMBERS},
     )  # fmt: skip

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..iterate import Iterate
 from ..record import Record
 from ..run import Run
+from ..solution import Solution
 from ..status import Status
 from . import structs as s
 from .machine import Machine
@@ -26,19 +27,19 @@ _POLL_S = 0.05
 _DUALS = ("relaxation", "shift", "multiplier", "penalty")
 
 
-def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], None] | None) -> Status:
+def drive(machine: Machine, run: Run, warm_start: Solution | None, report: Callable[[Record], None] | None) -> Status:
     """Run the compiled solver from a run's iterate and duals, which are the end's afterwards, as is its history.
 
     The solver runs in a thread of its own, so that its log can be shown and Ctrl-C can stop it. However this function
     ends, the solver has stopped by then.
     """
-    c, outer = machine.c, run.outer
+    c = machine.c
     _write(machine, run)
-    c.weight, c.cancel, c.num_records = outer.weight, 0, 0
-    c.has_last_cost, c.last_cost = int(outer.last_cost is not None), outer.last_cost or 0.0
+    c.cancel = c.num_records = 0
+    resumed = load_search(machine, warm_start)
     result: list[int] = []
     worker = threading.Thread(
-        target=lambda: result.append(machine.library.piaffe_solve(ct.byref(c), int(resumed))), daemon=True
+        target=lambda: result.append(machine.library.piaffe_solve(ct.byref(c), resumed)), daemon=True
     )
     interrupted = False
     try:
@@ -88,6 +89,7 @@ def _read(machine: Machine, run: Run, *, accepted: bool) -> None:
             setattr(dual, name, stage.reshape(getattr(dual, name).shape))
             setattr(dual, f"end_{name}", end.reshape(getattr(dual, f"end_{name}").shape))
     run.outer.weight = machine.c.weight
+    take_search(machine, run)
     run.current = run.evaluate(iterate_of(machine, machine.accepted if accepted else machine.trial))
 
 
@@ -98,6 +100,40 @@ def iterate_of(machine: Machine, read: Callable[[int, str], Array]) -> Iterate:
         states.append(read(i, "x").reshape(phase.num_stages + 1, -1).copy())
         controls.append(read(i, "u").reshape(phase.num_stages, phase.mode.nu).copy())
     return Iterate(states, controls)
+
+
+def load_search(machine: Machine, warm_start: Solution | None) -> int:
+    """Write what a warm start knows of barrier and search; return how ``piaffe_solve`` is to be called."""
+    c = machine.c
+    if warm_start is None:
+        return 0
+    c.weight, c.resume_cost, c.resume_converged = warm_start.barrier_weight, warm_start.cost, int(warm_start.converged)
+    state = warm_start.search
+    if state is None:
+        c.has_last_cost, c.last_cost = c.resume_converged, c.resume_cost
+        return 1
+    c.has_last_cost, c.last_cost = int(state.last_cost is not None), state.last_cost or 0.0
+    c.resume_merit, c.rho, c.least_rho, c.regularization_now = (
+        state.merit,
+        state.rho,
+        state.least_rho,
+        state.regularization,
+    )
+    c.last_step, c.inner, c.unmoved, c.num_gains = state.step_size, state.inner, state.unmoved, len(state.gains)
+    c.last_equality, c.last_violation = state.last_equality, state.last_violation
+    c.gains[: len(state.gains)] = state.gains
+    return 2
+
+
+def take_search(machine: Machine, run: Run) -> None:
+    """Take the machine's state of the search into the run."""
+    c, outer = machine.c, run.outer
+    run.rho, run.least_rho, run.regularization = c.rho, c.least_rho, c.regularization_now
+    run.step_size, run.inner, outer.unmoved = c.last_step, c.inner, c.unmoved
+    first = max(c.num_gains - len(c.gains), 0)
+    run.gains = [c.gains[i % len(c.gains)] for i in range(first, c.num_gains)]
+    outer.last_cost = c.last_cost if c.has_last_cost else None
+    outer.last_equality, outer.last_violation = c.last_equality, c.last_violation
 
 
 def _records(machine: Machine, history: list[Record], report: Callable[[Record], None] | None) -> None:

@@ -27,8 +27,11 @@ _OF_BLOCK = [
     "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "relaxation", "shift",
     "multiplier", "penalty",
 ]  # fmt: skip
-_OF_SOLVE = ["weight", "rho", "least_rho", "regularization_now", "cost", "last_equality", "last_cost", "last_violation"]
-_COUNTERS = ["inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
+_OF_SOLVE = [
+    "weight", "rho", "least_rho", "regularization_now", "cost", "gap", "max_defect", "max_equality", "max_inequality",
+    "last_equality", "last_cost", "last_violation", "last_step", "resume_merit", "resume_cost",
+]  # fmt: skip
+_COUNTERS = ["resume_converged", "inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
 
 
 class Options(ct.Structure):

@@ -157,6 +157,15 @@ def test_the_cascade_holds_its_height(load):
     assert module.main() == pytest.approx(0.25, abs=0.05)
 
 
+def test_the_cascade_begun_at_its_solution_is_there(load):
+    solver = solvers.MSiLQR(load("cascade").problem)
+    solution = solver.solve()
+    again = solver.solve(solution)
+    assert again.converged
+    assert again.iterations == 0
+    assert again.cost == pytest.approx(solution.cost, rel=1e-12)
+
+
 def test_the_composition_goes_on_after_the_roll(load, tmp_path):
     module = load("run_roll_run")
     assert module.main(tmp_path) > 0.05

@@ -98,11 +98,15 @@ typedef struct {
     volatile int cancel;                    /* set by another thread to stop */
     double *slope, *curvature;              /* scratch in lane layout: rows of the largest mode times W */
     /* state of a solve */
-    double weight, rho, least_rho, regularization_now, cost, last_equality, last_cost, last_violation;
+    double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_step;
+    /* of a warm start: the merit that its search state belongs to; the cost to compare with if it is another problem's */
+    double resume_merit, resume_cost;
+    int resume_converged;
     int inner, unmoved, has_last_cost, has_inequalities, num_gains, blocked; /* whether a trial on the way to or from the iterate was outside */
     double gains[8];
 } Problem;
 
 int piaffe_solve(Problem *problem, int resumed);
 void piaffe_policy(Problem *problem);
+double piaffe_merit(Problem *problem);
 #endif

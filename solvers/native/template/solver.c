@@ -7,7 +7,7 @@
 #include "piaffe.h"
 
 enum { PATIENCE = 8 };
-static const double NEARLY_CLOSED = 0.05;
+static const double NEARLY_CLOSED = 0.05, SAME = 1e-9;
 
 static double now(void)
 {
@@ -409,9 +409,8 @@ static double search(Problem *pr, const double dV[2], Sums *at)
     if (pr->inner > 4 * o->max_inner && pr->inner % o->max_inner == 0) pr->least_rho *= 2;
     pr->rho = fmax(fmax(needed, 0.98 * pr->rho), pr->least_rho);
     double before = augmented_of_accepted(pr) + pr->rho * gap;
-    double last = pr->num_records ? pr->history[pr->num_records - 1].step_size : 1.0;
     int left = 0;
-    double size = last > 0 ? fmin(1.0, last / (o->step_shrink * o->step_shrink * o->step_shrink)) : 1.0;
+    double size = pr->last_step > 0 ? fmin(1.0, pr->last_step / (o->step_shrink * o->step_shrink * o->step_shrink)) : 1.0;
     while (size >= o->min_step) {
         double expected = size * dV[0] + 0.5 * size * size * dV[1] - size * pr->rho * gap;
         double bound = before + o->armijo * expected + 1e-12 * fabs(before);
@@ -583,15 +582,30 @@ static int is_blocked(Problem *pr, double tolerance)
     return !(fabs(dV[0] + 0.5 * dV[1]) < tolerance);
 }
 
+static void note(Problem *pr, const Sums *at)
+{
+    pr->cost = at->cost, pr->gap = at->gap;
+    pr->max_defect = at->max_defect, pr->max_equality = at->max_h, pr->max_inequality = at->max_g;
+}
+
+static void begin_search(Problem *pr)
+{
+    pr->rho = pr->least_rho = pr->options.merit_offset;
+    pr->regularization_now = 0.0;
+    pr->last_step = 1.0;
+    pr->inner = pr->unmoved = pr->num_gains = 0;
+    pr->last_equality = pr->last_violation = INFINITY;
+}
+
+/* `resumed`: 0 for a cold start; 1 if barrier and multipliers are those of an earlier solve; 2 if the state of the search is,
+ * too, which holds only if the merit is still resume_merit. */
 int piaffe_solve(Problem *pr, int resumed)
 {
     const Options *o = &pr->options;
     double began = now(), dV[2];
     if (!resumed) pr->weight = o->barrier_weight, pr->has_last_cost = 0;
-    pr->rho = pr->least_rho = o->merit_offset;
-    pr->regularization_now = 0.0;
-    pr->inner = pr->unmoved = pr->num_gains = pr->num_records = pr->blocked = 0;
-    pr->last_equality = pr->last_violation = INFINITY;
+    if (resumed < 2) begin_search(pr);
+    pr->num_records = pr->blocked = 0;
     pr->has_inequalities = 0;
     for (int g = 0; g < pr->num_groups; g++) {
         Group *gr = &pr->groups[g];
@@ -604,11 +618,17 @@ int piaffe_solve(Problem *pr, int resumed)
     evaluate(pr); /* the binding leaves the start in the trial arrays */
     Sums at = sums_of_trial(pr);
     accept(pr);
+    note(pr, &at);
     if (!isfinite(at.cost + at.penalty + at.gap)) return NOT_FINITE;
+    if (resumed == 2 && !(fabs(at.cost + at.penalty + pr->rho * at.gap - pr->resume_merit) <= SAME * (1 + fabs(pr->resume_merit)))) {
+        begin_search(pr);
+        pr->has_last_cost = pr->resume_converged;
+        pr->last_cost = pr->resume_cost;
+    }
     linearise(pr);
     for (;;) {
         if (pr->cancel) return INTERRUPTED;
-        pr->cost = at.cost;
+        note(pr, &at);
         if (!direction(pr, dV)) return failure(pr);
         double tolerance = o->cost_tolerance * (1 + fabs(at.cost));
         int stationary = (fabs(dV[0] + 0.5 * dV[1]) < tolerance || gained_nothing(pr, tolerance)) && at.max_defect < o->max_defect;
@@ -618,6 +638,7 @@ int piaffe_solve(Problem *pr, int resumed)
             if (!direction(pr, dV)) return failure(pr);
         }
         if (stationary && met && gap_is_closed(pr)) return CONVERGED;
+        if (pr->num_records >= o->max_iterations) return ITERATION_LIMIT;
         int due = pr->inner >= o->max_inner && at.max_defect < NEARLY_CLOSED && (!met || near_gap(pr) > allowed(pr));
         if (stationary || due) {
             update(pr, &at, stationary);
@@ -626,10 +647,10 @@ int piaffe_solve(Problem *pr, int resumed)
             if (pr->unmoved > 8) return INFEASIBLE;
             if (!direction(pr, dV)) return failure(pr);
         }
-        if (pr->num_records >= o->max_iterations) return ITERATION_LIMIT;
         if (o->time_limit_s > 0 && now() - began > o->time_limit_s) return TIME_LIMIT;
         double size = search(pr, dV, &at);
         pr->inner++;
+        pr->last_step = size;
         if (size == 0.0) {
             for (int i = 0; i < 2; i++) pr->regularization_now = fmax(4 * pr->regularization_now, o->regularization);
         } else if (size > 0.4) {
@@ -637,7 +658,7 @@ int piaffe_solve(Problem *pr, int resumed)
         } else if (size < 0.1) {
             pr->regularization_now = fmax(4 * pr->regularization_now, o->regularization);
         }
-        pr->cost = at.cost;
+        note(pr, &at);
         pr->history[pr->num_records] = (Record){
             pr->num_records + 1, at.cost, augmented_of_accepted(pr) + pr->rho * at.gap, -(dV[0] + 0.5 * dV[1]),
             at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, now() - began,
@@ -648,6 +669,9 @@ int piaffe_solve(Problem *pr, int resumed)
         if (size > 0.0) linearise(pr);
     }
 }
+
+/* The merit of the accepted iterate, with the barrier and multipliers as they are now. */
+double piaffe_merit(Problem *pr) { return augmented_of_accepted(pr) + pr->rho * pr->gap; }
 
 /* The policy and expansions at the accepted iterate, with the least regularisation that succeeds. */
 void piaffe_policy(Problem *pr)

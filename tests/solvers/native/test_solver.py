@@ -20,7 +20,8 @@ from piaffe.errors import SolverError
 from piaffe.models import base, feet, joints, stance
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
-from piaffe.solvers.native import Machine, NoCompilerError, compilers, library_for
+from piaffe.solvers.iterate import Iterate
+from piaffe.solvers.native import Backend, Machine, NoCompilerError, compilers, library_for
 from piaffe.solvers.native.program import program
 from piaffe.solvers.native.start import NoCompilerWarning
 
@@ -69,6 +70,14 @@ def by_numpy(name: str) -> Solution:
 
 
 @cache
+def watched(name: str) -> Watched:
+    numpy = MSiLQR(compiled(name), backend="numpy")
+    run = Watched(numpy.evaluator, numpy.options, numpy.start(None), numpy.flags(True), None)
+    assert run.loop() is Status.CONVERGED
+    return run
+
+
+@cache
 def native(name: str) -> MSiLQR:
     solver = MSiLQR(compiled(name))
     assert solver.backend == "native"
@@ -95,6 +104,12 @@ def assert_same_records(got: tuple[Record, ...], expected: tuple[Record, ...]) -
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-10 * scale, err_msg=name)
     for name in ("iteration", "step_size", "regularization", "barrier_weight"):
         assert [getattr(r, name) for r in got] == [getattr(r, name) for r in expected], name
+
+
+def assert_equal_states(got: Solution, expected: Iterate) -> None:
+    for part, x, u in zip(got.trajectory.phases, expected.states, expected.controls, strict=True):
+        np.testing.assert_array_equal(part.states, x)
+        np.testing.assert_array_equal(part.controls, u)
 
 
 def assert_same_history(got: Solution, expected: Solution) -> None:
@@ -135,22 +150,37 @@ def assert_equal_bits(got: Solution, expected: Solution) -> None:
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_iterate_is_that_of_numpy_but_for_decisions_on_a_knifes_edge(name: str) -> None:
-    numpy = MSiLQR(compiled(name), backend="numpy")
-    run = Watched(numpy.evaluator, numpy.options, numpy.start(None), numpy.flags(True), None)
-    assert run.loop() is Status.CONVERGED
+def test_whole_history_is_that_of_numpy_but_for_decisions_on_a_knifes_edge(name: str) -> None:
+    run = watched(name)
     common = same_decisions(in_c(name).history, tuple(run.history))
     if common < max(len(run.history), in_c(name).iterations):
         assert min(run.margins[: common + 1]) < 1e-8
     else:
         assert in_c(name).status is Status.CONVERGED
     assert_same_records(in_c(name).history[:common], tuple(run.history[:common]))
-    for k in range(1, common + 1, 1 if common < 20 else 5):
-        solution = MSiLQR(compiled(name), Options(max_iterations=k)).solve()
-        for got, x, u in zip(solution.trajectory.phases, run.iterates[k - 1].states, run.iterates[k - 1].controls,
-                             strict=True):  # fmt: skip
-            np.testing.assert_allclose(got.states, x, rtol=1e-8, atol=1e-8 * np.max(np.abs(x)))
-            np.testing.assert_allclose(got.controls, u, rtol=1e-8, atol=1e-8 * np.max(np.abs(u), initial=1.0))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_from_each_iterate_of_numpy_one_iteration_makes_the_next(name: str) -> None:
+    """The state goes over as a warm start: iterate, multipliers, barrier and all that a search keeps."""
+    run, one = watched(name), Options(max_iterations=1)
+    numpy, compiled_solver = (MSiLQR(compiled(name), one, backend=backend) for backend in ("numpy", "native"))
+    before: Solution | None = None
+    for k, iterate in enumerate(run.iterates):
+        after, got = numpy.solve(before), compiled_solver.solve(before)
+        assert_equal_states(after, iterate)
+        if same_decisions(got.history, after.history) == 1:
+            assert_same_records(got.history, after.history)
+            for part, x, u in zip(got.trajectory.phases, iterate.states, iterate.controls, strict=True):
+                np.testing.assert_allclose(part.states, x, rtol=1e-8, atol=1e-8 * np.max(np.abs(x)))
+                np.testing.assert_allclose(part.controls, u, rtol=1e-8, atol=1e-8 * np.max(np.abs(u), initial=1.0))
+        else:
+            assert run.margins[k] < 1e-8
+        if got.status is not after.status:
+            assert min(run.margins[k : k + 2]) < 1e-8
+        before = after
+    assert before is not None
+    assert before.status is Status.CONVERGED
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -167,6 +197,38 @@ def test_warm_start_goes_on_from_the_duals_as_numpy_does(name: str) -> None:
     assert a.iterations > 3
     assert_same_history(a, b)
     assert_same_result(a, b)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+@pytest.mark.parametrize("name", ALL)
+def test_solution_as_its_own_warm_start_is_converged(name: str, backend: Backend) -> None:
+    done = in_c(name) if backend == "native" else by_numpy(name)
+    again = MSiLQR(compiled(name), backend=backend).solve(done)
+    assert again.status is Status.CONVERGED
+    assert again.iterations == 0
+    assert_same_result(again, done, rtol=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+@pytest.mark.parametrize("name", ["hopper", "rope", "landing"])
+def test_solve_in_two_parts_is_the_solve_in_one(name: str, backend: Backend) -> None:
+    whole = in_c(name) if backend == "native" else by_numpy(name)
+    for stop in (1, 7, whole.iterations - 3):
+        first = MSiLQR(compiled(name), Options(max_iterations=stop), backend=backend).solve()
+        rest = MSiLQR(compiled(name), backend=backend).solve(first)
+        counted_on = tuple(replace(record, iteration=record.iteration + stop) for record in rest.history)
+        assert_same_records(counted_on, whole.history[stop:])
+        assert rest.status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_search_of_another_problem_is_forgotten(backend: Backend) -> None:
+    problem = compiled("hopper")
+    moved = replace(problem, initial=problem.initial + np.array([0.0, 0.01, 0.0, 0.0, 0.0]))
+    warm = in_c("hopper")
+    a, b = (MSiLQR(moved, backend=backend).solve(start) for start in (warm, replace(warm, search=None)))
+    assert a.iterations > 0
+    assert_equal_bits(a, b)
 
 
 @pytest.mark.parametrize("width", [1, 4, 8])
