@@ -1,8 +1,9 @@
-"""Time an iteration against the number of nodes, lanes and threads: Mini Cheetah trotting within its limits.
+"""Time an iteration against the number of nodes, lanes and threads, and a batch against threads: Mini Cheetah trotting.
 
 Two threads are two solves at once from two Python threads, as ctypes lets go of the interpreter. Their gain is how much
 more is solved in the same time, which wants a machine with two cores to spare: whether it had them tells the gain of
-hashing, measured beside it.
+hashing, measured beside it. A batch is ``solve_batch`` of instances with random masses and friction, from the solution
+of the nominal one, whole: checks, numbers and results included.
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ from statistics import median
 from time import perf_counter
 from typing import Any
 
+import numpy as np
 from common import arguments, begin, busy_iteration, machine_at, middle, profile, solve, surroundings, tell
 
-from piaffe import models, ocp
+from piaffe import models, ocp, solvers
 from piaffe.models import base, feet, joints
 from piaffe.solvers.native import Machine, library_for
 
@@ -28,6 +30,7 @@ LANES = (1, 4, 8)
 THREADS = (1, 2)
 DT = 0.01  # [s]
 THREADED_NODES = (25, 100, 500)
+BATCH_NODES, INSTANCES = 50, 64
 ITERATIONS = 10  # of a threaded solve
 HASHED = bytes(20_000_000)
 CALLS = 3  # of the parts per turn: the least of them was not interrupted
@@ -88,6 +91,16 @@ def hashing(threads: int) -> float:
     return perf_counter() - began
 
 
+def batch_of(problem: ocp.CompiledProblem) -> dict[str, Any]:
+    """Return the arguments of a batch with random payloads and frictions."""
+    random = np.random.default_rng(0)
+    masses = np.tile(problem.numbers["mini_cheetah.link_mass"], (INSTANCES, 1))
+    masses[:, 0] += random.uniform(0.0, 3.0, INSTANCES)
+    numbers = {"mini_cheetah.link_mass": masses, "friction cone.mu": random.uniform(0.5, 0.9, INSTANCES)}
+    nominal = solvers.MSiLQR(problem).solve().raise_if_failed()
+    return {"problem": problem, "parameters": numbers, "warm_start": nominal}
+
+
 def main(repeats: int = 15, json: bool = False, save: bool = False) -> dict[str, Any]:
     """Print and return medians of an iteration's time and of the gain by a second thread."""
     made = problems()
@@ -97,11 +110,15 @@ def main(repeats: int = 15, json: bool = False, save: bool = False) -> dict[str,
     pairs = {nodes: [machine_at(made[nodes]) for _ in range(max(THREADS))] for nodes in THREADED_NODES}
     threaded: dict[Any, list[tuple[float, float]]] = {(nodes, n): [] for nodes in THREADED_NODES for n in THREADS}
     control: list[float] = []
+    batch = batch_of(made[BATCH_NODES])
+    batches: dict[int, list[solvers.BatchSolution]] = {n: [] for n in THREADS}
     for _ in range(repeats):  # in turns, so that whatever else the machine does disturbs all alike
         for case in cases:
             samples[case].append({"iteration": busy_iteration(machines[case], CALLS), **profile(machines[case], CALLS)})
         for nodes, n in threaded:
             threaded[nodes, n].append(at_once(pairs[nodes][:n]))
+        for n in THREADS:
+            batches[n].append(solvers.solve_batch(**batch, threads=n))
         control.append(2 * hashing(1) / hashing(2))
     rows = [
         {"lanes": lanes, "nodes": nodes, "us_per_node": middle(samples[lanes, nodes], 1e6 / nodes)}
@@ -116,8 +133,17 @@ def main(repeats: int = 15, json: bool = False, save: bool = False) -> dict[str,
             "gain_of_least": round(2 * min(one) / min(two), 3),
             "processor_time": round(median(b / a for a, b in zip(busy_one, busy_two, strict=True)), 3),
         })  # fmt: skip
+    rates = [
+        {
+            "threads": n, "nodes": BATCH_NODES, "instances": INSTANCES,
+            "per_second": round(median(INSTANCES / done.wall_s for done in batches[n]), 2),
+            "best_per_second": round(max(INSTANCES / done.wall_s for done in batches[n]), 2),
+            "converged": int(batches[n][0].converged.sum()), "iterations": int(batches[n][0].iterations.sum()),
+        }
+        for n in THREADS
+    ]  # fmt: skip
     results: dict[str, Any] = {
-        "benchmark": "scaling", "repeats": repeats, "dt": DT, "sizes": rows, "threads": gains,
+        "benchmark": "scaling", "repeats": repeats, "dt": DT, "sizes": rows, "threads": gains, "batch": rates,
         "gain_of_hashing": round(median(control), 3),
         **surroundings(library_for(made[NODES[0]])[0].built),
     }  # fmt: skip
@@ -129,6 +155,12 @@ def main(repeats: int = 15, json: bool = False, save: bool = False) -> dict[str,
     lines += [
         f"{row['nodes']:8d}{row['gain']:10.2f}{row['gain_of_least']:10.2f}{row['processor_time']:10.2f}"
         for row in gains
+    ]
+    lines.append(f"instances a second of a batch of {INSTANCES} with {BATCH_NODES} nodes (median, best)")
+    lines += [
+        f"{row['threads']:8d} threads{row['per_second']:10.1f}{row['best_per_second']:10.1f}"
+        f"{row['iterations'] / INSTANCES:10.1f} iterations each, {row['converged']} converged"
+        for row in rates
     ]
     lines.append(f"gain of hashing {median(control):.2f}")
     tell(results, lines, json=json, save=save)

@@ -93,6 +93,7 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
         scopes=compilation.scopes,
         path=compilation.path,
         unbound=compilation.unbound,
+        changing=frozenset(compilation.numbers.changing),
         lowered=built,
         compile_s=time.perf_counter() - began,
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .lowering import LoweredMode, Row
 from .path import Interval, Path
@@ -80,6 +80,7 @@ class CompiledProblem:
         scopes: per term the motion phase that declares it, None for terms of the whole problem.
         path: the targets over time.
         unbound: per (model name, term index) why a term is not in that model.
+        changing: numbers of models, ``"model.slot"``, that follow from the motion, node by node.
         lowered: how many modes and transitions had to be built for this problem (0: everything was known).
         compile_s: time spent compiling [s].
     """
@@ -90,6 +91,7 @@ class CompiledProblem:
     scopes: tuple[Phase | None, ...]
     path: Path
     unbound: Mapping[tuple[str, int], str]
+    changing: frozenset[str]
     lowered: int
     compile_s: float
 
@@ -97,6 +99,36 @@ class CompiledProblem:
     def num_stages(self) -> int:
         """Stages of the whole horizon."""
         return sum(phase.num_stages for phase in self.phases)
+
+    @property
+    def numbers(self) -> Mapping[str, Array]:
+        """Every number that may vary from instance to instance, by name, with its present value (size,).
+
+        Names are those of ``ocp.parameter``, ``"MODEL.SLOT"`` for a model's numbers, ``"TERM.PARAMETER"`` for a term's,
+        ``"TERM.weight"``, ``"TERM.target"``, ``"TERM.lower"`` and ``"TERM.upper"``; terms that share a name are told
+        apart by their order, ``"TERM[0].weight"``. What follows from the motion node by node (contacts, footholds,
+        targets along the path) is not among them.
+        """
+        from .named_numbers import named_numbers
+
+        return {name: number.value for name, number in named_numbers(self).items()}
+
+    def with_numbers(self, values: Mapping[str, ArrayLike], initial: ArrayLike | None = None) -> CompiledProblem:
+        """Return the problem with other values of some of its ``numbers``; nothing is compiled.
+
+        Args:
+            values: name → value, as many entries as it has now; a bound may be infinite for none.
+            initial: another initial state (nx,). Targets and guess stay those of the declared one, so that a start
+                beside it is drawn back to the same path.
+
+        Raises:
+            UnknownNameError: there is no such number; the message lists them.
+            ShapeError: a value or the initial state has another size.
+            ProblemError: one is not finite, a weight is negative, or bounds exclude each other.
+        """
+        from .named_numbers import with_numbers
+
+        return with_numbers(self, values, initial)
 
     def term_name(self, row: Row) -> str:
         """Return the name of the term that a row belongs to."""

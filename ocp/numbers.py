@@ -46,6 +46,7 @@ class Numbers:
         self.problem, self.terms, self.scopes = problem, terms, scopes
         self.applied: set[int] = set()
         self.used: set[str] = set()
+        self.changing: set[str] = set()
         self._phases: dict[tuple[LoweredMode, Phase, frozenset[At]], tuple[Array, list[_Tracked]]] = {}
 
     def of_node(
@@ -99,6 +100,7 @@ class Numbers:
         """Return dt and the slots that the model itself sets for a node."""
         values = {"dt": np.array([dt])}
         for name, value in model.node_parameters(node).items():
+            self.changing.add(f"{model.name}.{name}")
             if f"{model.name}.{name}" in self.problem.parameters:
                 raise ProblemError(
                     f"problem ({self.problem.source}), parameter '{model.name}.{name}': follows from the motion - got "

@@ -1,5 +1,8 @@
 """Solvers: multi-phase multiple-shooting iLQR with augmented Lagrangian and relaxed barrier."""
 
+from .batch import solve_batch as solve_batch
+from .batch_solution import BatchPhase as BatchPhase
+from .batch_solution import BatchSolution as BatchSolution
 from .ms_ilqr import MSiLQR as MSiLQR
 from .options import Options as Options
 from .record import Record as Record

@@ -61,6 +61,14 @@ class PhaseDual:
     end_multiplier: Array
     end_penalty: Array
 
+    def stored(self) -> dict[str, Array]:
+        """Return what a warm start takes up, by the names that solutions give it."""
+        return {
+            "equality": self.multiplier, "end_equality": self.end_multiplier, "penalty": self.penalty,
+            "end_penalty": self.end_penalty, "relaxation": self.relaxation, "end_relaxation": self.end_relaxation,
+            "shift": self.shift, "end_shift": self.end_shift,
+        }  # fmt: skip
+
 
 def solve_nodes(K: Array, r: Array) -> Array:
     """Return K⁻¹ r node by node for r of shape (n, nz) or (n, nz, m); NaN if some K is singular."""

@@ -24,7 +24,7 @@ from .rollout import move
 from .run import Run
 from .solution import Solution
 from .status import Status
-from .warm_start import first_iterate
+from .warm_start import WarmStart, first_iterate
 
 Flags = NDArray[np.bool_]
 
@@ -112,16 +112,17 @@ class MSiLQR:
         began: float,
     ) -> Solution:
         flags = self.flags(shooting)
-        start = self.start(warm_start)
+        from_earlier = None if warm_start is None else WarmStart.of(warm_start)
+        start = first_iterate(self.problem, from_earlier)
         if not all(f.all() for f in flags):
             zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
             start = move(self.evaluator, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
         run = Run(self.evaluator, self.options, start, flags, progress)
-        if warm_start is not None:
-            run.resume(warm_start)
+        if from_earlier is not None:
+            run.resume(from_earlier)
         try:
             if self.machine is not None and all(f.all() for f in flags):
-                status = drive(self.machine, run, warm_start, progress)
+                status = drive(self.machine, run, from_earlier, progress)
             else:
                 status = run.loop()
         except KeyboardInterrupt:
@@ -136,7 +137,7 @@ class MSiLQR:
 
     def start(self, warm_start: Solution | None) -> Iterate:
         """Return the states and controls to begin with."""
-        return first_iterate(self.problem, warm_start)
+        return first_iterate(self.problem, None if warm_start is None else WarmStart.of(warm_start))
 
     def flags(self, shooting: bool | Sequence[ArrayLike]) -> list[Flags]:
         """Return which nodes are shooting nodes, per phase (N+1,)."""

@@ -10,7 +10,7 @@ from piaffe.ocp import CompiledProblem
 from . import barrier
 from .iterate import PhaseDual, PhaseValues, masked
 from .options import Options
-from .solution import Solution
+from .warm_start import WarmStart
 
 Array = NDArray[np.float64]
 
@@ -43,12 +43,11 @@ class Outer:
             end_multiplier=np.zeros(phase.end_h_mask.shape), end_penalty=np.full(phase.end_h_mask.shape, o.penalty),
         )  # fmt: skip
 
-    def resume(self, solution: Solution) -> None:
-        """Take barrier and multipliers from an earlier solution."""
-        self.weight = solution.barrier_weight
-        self.last_cost = solution.cost if solution.converged else None
-        for dual, phase in zip(self.duals, solution.phases, strict=True):
-            stored = phase.multipliers
+    def resume(self, start: WarmStart) -> None:
+        """Take barrier and multipliers from an earlier solve."""
+        self.weight = start.barrier_weight
+        self.last_cost = start.cost if start.converged else None
+        for dual, stored in zip(self.duals, start.multipliers, strict=True):
             if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
                 continue  # the constraints changed since: begin afresh there
             dual.multiplier, dual.end_multiplier = stored["equality"].copy(), stored["end_equality"].copy()

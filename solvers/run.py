@@ -16,8 +16,8 @@ from .record import Record
 from .riccati import Direction, LqPhase, Sweep, backward, close_defects, roll_out
 from .rollout import Flags, move
 from .search_state import SearchState, is_same
-from .solution import Solution
 from .status import Status
+from .warm_start import WarmStart
 
 Array = NDArray[np.float64]
 
@@ -78,12 +78,15 @@ class Run:
 
     # ---- going on from an earlier solve
 
-    def resume(self, solution: Solution) -> None:
-        """Take barrier and multipliers from a solution, and the state of the search if it is of this very problem."""
-        self.outer.resume(solution)
-        state = solution.search
-        if state is None or not is_same(self.augmented(self.current) + state.rho * self.current.gap, state.merit):
-            return
+    def resume(self, start: WarmStart) -> None:
+        """Take barrier and multipliers from an earlier solve; of the same problem, the state of the search, too."""
+        self.outer.resume(start)
+        state = start.search
+        if state is not None and is_same(self.augmented(self.current) + state.rho * self.current.gap, state.merit):
+            self.take_up(state)
+
+    def take_up(self, state: SearchState) -> None:
+        """Search on from a state."""
         self.rho, self.least_rho, self.regularization = state.rho, state.least_rho, state.regularization
         self.step_size, self.gains, self.inner = state.step_size, list(state.gains), state.inner
         self.outer.unmoved, self.outer.last_cost = state.unmoved, state.last_cost

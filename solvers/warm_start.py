@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,46 +12,89 @@ from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem
 
 from .iterate import Iterate
+from .search_state import SearchState
 from .solution import Solution
 
 Array = NDArray[np.float64]
 
 
-def first_iterate(problem: CompiledProblem, warm_start: Solution | None) -> Iterate:
-    """Return the states and controls to begin with: those of a solution from the problem's start, or the guess.
+@dataclass(frozen=True, eq=False)
+class WarmStart:
+    """What a solve takes from an earlier one.
+
+    Args:
+        names: of the phases.
+        states, controls: per phase (N+1, nx) and (N, nu).
+        multipliers: per phase, as in a :class:`PhaseSolution`.
+        barrier_weight: ε. cost: of that iterate. converged: whether it was a solution.
+        search: the state of the search, None if it was not kept.
+    """
+
+    names: Sequence[str]
+    states: Sequence[Array]
+    controls: Sequence[Array]
+    multipliers: Sequence[Mapping[str, Array]]
+    barrier_weight: float
+    cost: float
+    converged: bool
+    search: SearchState | None
+
+    @staticmethod
+    def of(solution: Solution) -> WarmStart:
+        """Return what a solution hands on."""
+        parts = solution.trajectory.phases
+        return WarmStart(
+            names=[part.name for part in parts], states=[part.states for part in parts],
+            controls=[part.controls for part in parts], multipliers=[phase.multipliers for phase in solution.phases],
+            barrier_weight=solution.barrier_weight, cost=solution.cost, converged=solution.converged,
+            search=solution.search,
+        )  # fmt: skip
+
+
+def first_iterate(problem: CompiledProblem, warm_start: WarmStart | None) -> Iterate:
+    """Return the states and controls to begin with: those of an earlier solve from the problem's start, or the guess.
 
     Raises:
-        SolverError: the solution has other phases or sizes, or is not finite.
+        SolverError: it had other phases or sizes, or is not finite.
     """
-    phases = problem.phases
     if warm_start is None:
-        return Iterate([p.guess_states for p in phases], [p.guess_controls for p in phases])
-    given = warm_start.trajectory.phases
-    sizes = [(p.name, p.num_stages, p.mode.state.nx, p.mode.nu) for p in phases]
-    got = [(p.name, len(p.controls), p.states.shape[1], p.controls.shape[1]) for p in given]
+        return iterate_from(problem, None)
+    sizes = [(p.name, p.num_stages, p.mode.state.nx, p.mode.nu) for p in problem.phases]
+    got = [
+        (name, len(u), x.shape[1], u.shape[1])
+        for name, x, u in zip(warm_start.names, warm_start.states, warm_start.controls, strict=True)
+    ]
     if [s[1:] for s in sizes] != [g[1:] for g in got]:
         raise SolverError(
             f"warm start: does not fit the problem - got phases {got}, expected {sizes} (name, stages, nx, nu); "
             "pass a solution of the same phases, or none"
         )
     check_finite(problem, warm_start)
-    states = [p.states.copy() for p in given]
+    return iterate_from(problem, warm_start)
+
+
+def iterate_from(problem: CompiledProblem, warm_start: WarmStart | None) -> Iterate:
+    """Return the first iterate of a start that has been checked."""
+    if warm_start is None:
+        return Iterate([p.guess_states for p in problem.phases], [p.guess_controls for p in problem.phases])
+    states = [x.copy() for x in warm_start.states]
     states[0][0] = problem.initial
-    return Iterate(states, [p.controls.copy() for p in given])
+    return Iterate(states, [u.copy() for u in warm_start.controls])
 
 
-def check_finite(problem: CompiledProblem, warm_start: Solution) -> None:
+def check_finite(problem: CompiledProblem, warm_start: WarmStart) -> None:
     """Raise if a number of a warm start is NaN or infinite; name phase, node and component.
 
     Raises:
         SolverError: one is not.
     """
-    for phase, part, policy in zip(problem.phases, warm_start.trajectory.phases, warm_start.phases, strict=True):
-        _check(part.name, "state", part.states, phase.mode.state.stored_labels)
-        _check(part.name, "control", part.controls, phase.mode.model.control.labels)
-        for name, table in policy.multipliers.items():
-            if name not in ("inequality", "end_inequality"):  # what the barrier says; the next solve does not read it
-                _check(part.name, name.replace("_", " "), np.atleast_2d(table), ())
+    for i, phase in enumerate(problem.phases):
+        name = warm_start.names[i]
+        _check(name, "state", warm_start.states[i], phase.mode.state.stored_labels)
+        _check(name, "control", warm_start.controls[i], phase.mode.model.control.labels)
+        for kind, table in warm_start.multipliers[i].items():
+            if kind not in ("inequality", "end_inequality"):  # what the barrier says; the next solve does not read it
+                _check(name, kind.replace("_", " "), np.atleast_2d(table), ())
     if not np.isfinite(warm_start.barrier_weight):
         raise SolverError(
             f"warm start: barrier weight is not finite - got {warm_start.barrier_weight}, expected a positive number; "

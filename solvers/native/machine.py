@@ -28,11 +28,12 @@ class Machine:
     """
 
     def __init__(self, problem: CompiledProblem, library: Library, options: Options) -> None:
-        self.problem, self.width = problem, library.built.width
+        self.problem, self.width, self.origin = problem, library.built.width, library
         modes, links, width = library.modes, library.links, library.built.width
         self.types = s.structs(width)
         self.library = library.loaded
         self.library.piaffe_solve.restype = ct.c_int
+        self.library.piaffe_merit.restype = ct.c_double
         self._kept: list[Any] = []
         self.arrays: list[dict[str, Array]] = []
         self.c = self.types.Problem()
@@ -44,7 +45,8 @@ class Machine:
         self.c.phases = self.phases
         self.c.groups = self._keep((self.types.Group * max(len(groups), 1))(*groups))
         self.c.links = self._keep((self.types.Group * max(len(linked), 1))(*linked))
-        self.c.initial = self._pointer(self._array(problem.initial.size, problem.initial))
+        self.initial = self._array(problem.initial.size, problem.initial)
+        self.c.initial = self._pointer(self.initial)
         self.history = self._keep((s.Record * options.max_iterations)())
         self.c.history = self.history
         most = max([1] + [sum(map(len, mode.rows.values())) for mode in modes])
@@ -149,8 +151,7 @@ class Machine:
         arrays["p"] = self._array(self.width * self._numbers(nodes[0], kind, "p").size)
         for name, array in arrays.items():
             setattr(block, name, self._pointer(array))
-        if kind != "link":  # transitions have no rows to write or read
-            self.blocks.append((nodes, kind, arrays))
+        self.blocks.append((nodes, kind, arrays))
         self._fill(nodes, kind, arrays)
         return block
 
@@ -189,6 +190,13 @@ class Machine:
                         f"at {phase.times[bad[0]]:.4g} s; see ModelBase.definite_size, or solve with backend='numpy'."
                     )
         return ""
+
+    def renumber(self, problem: CompiledProblem) -> None:
+        """Turn to another problem of the same phases and functions, which differs in its numbers alone."""
+        self.problem = problem
+        self.initial[:] = problem.initial
+        for nodes, kind, arrays in self.blocks:
+            self._fill(nodes, kind, arrays)
 
     # ---- rows in lanes and back
 

@@ -166,6 +166,10 @@ def test_the_cascade_begun_at_its_solution_is_there(load):
     assert again.cost == pytest.approx(solution.cost, rel=1e-12)
 
 
+def test_a_heavier_robot_needs_more_torque(load):
+    assert 1.05 < load("randomised_mass").main(count=12) < 2.0
+
+
 def test_the_composition_goes_on_after_the_roll(load, tmp_path):
     module = load("run_roll_run")
     assert module.main(tmp_path) > 0.05
