@@ -5,7 +5,8 @@
 #   make lint    ruff, mypy, import-linter
 #   make docs    the documentation, into site/
 #   make bench   time the solver, and Crocoddyl; draws what docs/benchmarks.md shows
-#   make sanitize  the compiled solver under AddressSanitizer and UndefinedBehaviorSanitizer
+#   make sanitize  the compiled solver under AddressSanitizer and UndefinedBehaviorSanitizer, on all examples
+#   make valgrind  and under memcheck; the small problems are in make test
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -16,7 +17,7 @@ export NO_MKDOCS_2_WARNING := 1
 
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format docs bench sanitize clean
+.PHONY: help demo test test-slow lint format docs bench sanitize valgrind clean
 
 help:
 	@sed -n '/^#  /s/^# *//p' Makefile
@@ -82,7 +83,10 @@ bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/figures.py
 
 sanitize: $(VENV)/dev.stamp
-	$(BIN)/python -m tests.solvers.native.sanitize
+	$(BIN)/python -m tests.solvers.native.memory sanitizers
+
+valgrind: $(VENV)/dev.stamp
+	$(BIN)/python -m tests.solvers.native.memory valgrind
 
 clean:
 	rm -rf build dist site src/piaffe.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
