@@ -67,6 +67,7 @@ class Run:
         self.history: list[Record] = []
         self.models: list[LqPhase] = []
         self.sweeps: list[Sweep] = []
+        self.policy: list[Sweep] | None = None  # at the last iterate, from a backend that has it
         self.regularization = 0.0
         self.rho = self.least_rho = options.merit_offset
         self.inner = 0

@@ -22,10 +22,10 @@ _DUALS = ("relaxation", "shift", "multiplier", "penalty")
 
 
 def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], None] | None) -> Status:
-    """Run the compiled solver from a run's iterate and duals, which are the end's afterwards, as is its history.
+    """Run the compiled solver from a run's iterate and duals.
 
-    The solver runs in a thread of its own, so that its log can be shown and Ctrl-C can stop it. However this function
-    ends, the solver has stopped by then.
+    Afterwards these are the end's, as are the run's history and policy. The solver runs in a thread of its own, so that
+    its log can be shown and Ctrl-C can stop it. However this function ends, the solver has stopped by then.
     """
     c, outer = machine.c, run.outer
     _write(machine, run)
@@ -49,7 +49,9 @@ def drive(machine: Machine, run: Run, resumed: bool, report: Callable[[Record], 
         interrupted |= _stop(machine, worker)
     _records(machine, run.history, None)
     ended = _STATUS[result[0]] if result else Status.INTERRUPTED
-    _read(machine, run, accepted=bool(result) and ended is not Status.NOT_FINITE)
+    accepted = bool(result) and ended is not Status.NOT_FINITE
+    _read(machine, run, accepted=accepted)
+    run.policy = machine.policy() if accepted else None
     return Status.INTERRUPTED if interrupted else ended
 
 
