@@ -277,9 +277,9 @@ class _Batch:
             outside = read_iterate(machine, machine.outside) if c.blocked else None
             r.faults[i] = fault(Evaluator(problem), iterate, outside) or machine.fault()
         if r.gains:
-            machine.library.piaffe_policy(ct.byref(c))
+            found = machine.library.piaffe_policy(ct.byref(c))
             for k, own in enumerate(machine.arrays):
-                r.put(k, i, feedforward=own["k"], feedback=own["K"])
+                r.put(k, i, feedforward=np.where(found, own["k"], 0.0), feedback=np.where(found, own["K"], 0.0))
         self._keep(i, outer, status, iterations, time.perf_counter() - began)
         return True
 

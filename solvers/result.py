@@ -16,8 +16,7 @@ _POLICY = ("feedforward", "feedback", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux
 def assemble(run: Run, status: Status, wall_s: float) -> Solution:
     """Return the current iterate of a run with its policy, expansions and accounts."""
     at, problem, outer = run.current, run.problem, run.outer
-    models = run.linearise()
-    sweeps = _sweep(models, run.o.regularization, run.o.max_regularization)
+    sweeps = run.policy or _sweep(run.linearise(), run.o.regularization, run.o.max_regularization)
     equality, inequality = run.violations(at)
     phases = []
     for phase, dual, value, defects, sweep in zip(

@@ -69,6 +69,7 @@ class Run:
         self.history: list[Record] = []
         self.models: list[LqPhase] = []
         self.sweeps: list[Sweep] = []
+        self.policy: list[Sweep] | None = None  # at the last iterate, from a backend that has it
         self.regularization = 0.0
         self.step_size = 1.0
         self.rho = self.least_rho = options.merit_offset

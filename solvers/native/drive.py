@@ -18,10 +18,10 @@ _POLL_S = 0.05
 
 
 def drive(machine: Machine, run: Run, warm_start: WarmStart | None, report: Callable[[Record], None] | None) -> Status:
-    """Run the compiled solver from a run's iterate and duals, which are the end's afterwards, as is its history.
+    """Run the compiled solver from a run's iterate and duals.
 
-    The solver runs in a thread of its own, so that its log can be shown and Ctrl-C can stop it. However this function
-    ends, the solver has stopped by then.
+    Afterwards these are the end's, as are the run's history and policy. The solver runs in a thread of its own, so that
+    its log can be shown and Ctrl-C can stop it. However this function ends, the solver has stopped by then.
     """
     c = machine.c
     resumed = write(machine, run.current.iterate, run.outer, warm_start)
@@ -46,6 +46,7 @@ def drive(machine: Machine, run: Run, warm_start: WarmStart | None, report: Call
     run.take_up(read_search(machine))
     run.current = run.evaluate(read_iterate(machine, machine.accepted if result else machine.trial))
     run.outside = read_iterate(machine, machine.outside) if machine.c.blocked else None
+    run.policy = machine.policy() if result and ended is not Status.NOT_FINITE else None
     return Status.INTERRUPTED if interrupted else ended
 
 

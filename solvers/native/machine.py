@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from piaffe.ocp import CompiledProblem
 
 from ..options import Options
+from ..riccati import Sweep
 from . import structs as s
 from .library import Library
 
@@ -236,6 +237,20 @@ class Machine:
     def outside(self, i: int, name: str) -> Array:
         """Return x or u of the last trial whose merit was not finite."""
         return self.arrays[i][f"{name}_outside"]
+
+    def policy(self) -> list[Sweep]:
+        """Return the policy and expansions at the accepted iterate, least regularised; zeros if no sweep succeeds."""
+        found = self.library.piaffe_policy(ct.byref(self.c))
+        sweeps = []
+        for own, phase in zip(self.arrays, self.problem.phases, strict=True):
+            n, ndx, nu = phase.num_stages, phase.mode.state.ndx, phase.mode.nu
+            shapes = {
+                "k": (n, nu), "K": (n, nu, ndx), "V_x": (n + 1, ndx), "V_xx": (n + 1, ndx, ndx), "Q_x": (n, ndx),
+                "Q_u": (n, nu), "Q_xx": (n, ndx, ndx), "Q_ux": (n, nu, ndx), "Q_uu": (n, nu, nu),
+            }  # fmt: skip
+            arrays = (own[name].reshape(s).copy() if found else np.zeros(s) for name, s in shapes.items())
+            sweeps.append(Sweep(*arrays))
+        return sweeps
 
     def trial(self, i: int, name: str) -> Array:
         """Return the trial buffer that is not the accepted one."""

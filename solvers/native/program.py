@@ -11,8 +11,10 @@ import casadi as cs
 from piaffe.ocp import LoweredMode, LoweredTransition
 from piaffe.ocp.lanes import generate
 
+from .tables import TABLE, defines, dynamics_rows
+
 TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
-    "piaffe.h", "mode.inc", "link.inc", "small.inc", "solver.c"
+    "piaffe.h", "mode.inc", "riccati.inc", "rollout.inc", "tiles.inc", "link.inc", "small.inc", "solver.c"
 )}  # fmt: skip
 
 
@@ -155,9 +157,6 @@ def _place(K: cs.Sparsity, first: int) -> list[int]:
     return place
 
 
-_TABLE = "static const int __attribute__((unused))"  # a mode without implicit variables has no use for some
-
-
 def _table(
     name: str, sparsity: cs.Sparsity, place_rows: list[int] | None = None, place_cols: list[int] | None = None
 ) -> list[str]:
@@ -166,19 +165,15 @@ def _table(
     cols = [place_cols[c] for c in cols] if place_cols is not None else cols
     return [
         f"#define NNZ_{name} {len(rows)}",
-        f"{_TABLE} {name}_row[] = {{{', '.join(map(str, rows)) or '0'}}};",
-        f"{_TABLE} {name}_col[] = {{{', '.join(map(str, cols)) or '0'}}};",
+        f"{TABLE} {name}_row[] = {{{', '.join(map(str, rows)) or '0'}}};",
+        f"{TABLE} {name}_col[] = {{{', '.join(map(str, cols)) or '0'}}};",
     ]
-
-
-def _defines(**values: int) -> list[str]:
-    return [f"#define {name} {value}" for name, value in values.items()]
 
 
 def _mode_source(number: int, mode: LoweredMode, own: Mapping[str, cs.Function]) -> str:
     rows = {name: len(r) for name, r in mode.rows.items()}
     state = mode.state
-    lines = _defines(
+    lines = defines(
         ID=number, NX=state.nx, NDX=state.ndx, NU=mode.nu, NZ=mode.nz, NP=mode.layout.size,
         NR=rows["stage_residual"], NG=rows["stage_g"], NH=rows["stage_h"], MR=rows["terminal_residual"],
         MG=rows["terminal_g"], MH=rows["terminal_h"], NUM_PARTS=len(state.blocks),
@@ -192,6 +187,7 @@ def _mode_source(number: int, mode: LoweredMode, own: Mapping[str, cs.Function])
     lines += _table("r_w", lq.sparsity_out(0), place) + _table("d_w", lq.sparsity_out(1))
     lines += _table("d_z", lq.sparsity_out(2), None, place) + _table("H", lq.sparsity_out(4), in_v, in_v)
     lines += _table("H_end", own["terminal_lq"].sparsity_out(1))
+    lines += dynamics_rows(lq.sparsity_out(1), lq.sparsity_out(2))
     lines.append(f"static const int part_size[] = {{{', '.join(str(b.ndx) for b in state.blocks)}}};")
     rotations = (str(int(b.quantity.kind == "rotation")) for b in state.blocks)
     lines.append(f"static const int part_is_rotation[] = {{{', '.join(rotations)}}};")
@@ -200,7 +196,7 @@ def _mode_source(number: int, mode: LoweredMode, own: Mapping[str, cs.Function])
 
 def _link_source(number: int, link: LoweredTransition, own: Mapping[str, cs.Function]) -> str:
     source, target = link.source.state, link.target.state
-    lines = _defines(
+    lines = defines(
         ID=number, NX=source.nx, NDX=source.ndx, NXN=target.nx, NDXN=target.ndx, NZ=link.nz, NP=link.layout.size
     )
     lines.append('#include "functions.h"')

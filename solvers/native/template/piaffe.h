@@ -32,8 +32,10 @@ typedef struct {
     void (*end_values)(const Block *b, const double *const *x);
     void (*end_lq)(const Block *b, const double *const *x, const double *slope, const double *curvature,
                    double *const *grad, double *const *H);
+    void (*end_value)(const struct Phase *phase);
     int (*backward)(const struct Phase *phase, double regularization);
-    void (*forward)(const struct Phase *phase, const double *defects, int feedforward, double *dV);
+    void (*forward)(const struct Phase *phase, const double *defects, const double *next_defects, int feedforward,
+                    double *dV);
 } Mode;
 
 typedef struct {
@@ -60,7 +62,7 @@ typedef struct Phase {
     double *k, *K;                          /* (N, nu), (N, nu, ndx) */
     double *V_x, *V_xx;                     /* (N+1, ndx), (N+1, ndx, ndx) */
     double *Q_x, *Q_u, *Q_xx, *Q_ux, *Q_uu;
-    int keep;                               /* whether the sweep stores Q */
+    int keep;                               /* whether the sweep stores Q and all V_xx, not only that of node 0 */
     struct Phase *next;
 } Phase;
 
@@ -107,6 +109,6 @@ typedef struct {
 } Problem;
 
 int piaffe_solve(Problem *problem, int resumed);
-void piaffe_policy(Problem *problem);
+int piaffe_policy(Problem *problem);
 double piaffe_merit(Problem *problem);
 #endif

@@ -7,7 +7,7 @@
 #include "piaffe.h"
 
 enum { PATIENCE = 8 };
-static const double NEARLY_CLOSED = 0.05, SAME = 1e-9;
+static const double NEARLY_CLOSED = 0.05, SAME = 1e-9, LOG_OF_2 = 0.693147180559945309;
 
 static double now(void)
 {
@@ -63,21 +63,67 @@ static void minus(const Mode *m, const double *a, const double *b, double *out) 
     }
 }
 
-/* ---- the relaxed barrier, solvers/barrier.py */
+/* ---- the relaxed barrier, solvers/barrier.py, lane by lane */
 
-static double barrier_value(double g, double delta)
+static vd time_steps(const Block *b)
 {
-    if (g > delta) return -log(g);
-    double r = (g - 2 * delta) / delta;
-    return 0.5 * (r * r - 1) - log(delta);
+    vd dt;
+    memcpy(&dt, b->dt, sizeof dt);
+    return dt;
 }
 
-static double barrier_slope(double g, double delta) { return g > delta ? -1 / g : (g - 2 * delta) / (delta * delta); }
+static vi rows_in_use(vd mask) { return LANE_TRUE(mask != K(0.0)); }
 
-static double barrier_curvature(double g, double delta)
+/* A sum of logarithms as that of a product, which is kept as mantissa and exponent: one call per lane, not one per row. */
+typedef struct {
+    vd mantissa;
+    vi exponent;
+} Product;
+
+static inline void times(Product *p, vd factor) /* positive and normal */
 {
-    double s = g > delta ? g : delta;
-    return 1 / (s * s);
+    vi bits = lane_bits(p->mantissa * factor);
+    p->exponent += (bits >> 52) - 1023;
+    p->mantissa = lane_from((bits & 0xfffffffffffff) | lane_bits(K(1.0)));
+}
+
+static inline vd logarithm(const Product *p)
+{
+    vd sum = lane_log(p->mantissa);
+    for (int l = 0; l < W; l++) {
+        double exponent = (double)LANE_OF(p->exponent, l);
+        LANE_OF(sum, l) += exponent * LOG_OF_2;
+    }
+    return sum;
+}
+
+/* Sum over rows of the barrier's values; raises `worst` to the largest violation in each lane. */
+static vd barrier_values(const Block *b, int ng, vd *worst)
+{
+    const vd *gs = (const vd *)b->g, *shift = (const vd *)b->shift, *relaxation = (const vd *)b->relaxation;
+    const vd *mask = (const vd *)b->g_mask;
+    Product product = {K(1.0), lane_bits(K(0.0))};
+    vd sum = K(0.0);
+    for (int r = 0; r < ng; r++) {
+        vi used = rows_in_use(mask[r]);
+        vd g = gs[r] - shift[r], delta = relaxation[r], ratio = (g - K(2.0) * delta) / delta;
+        vi inside = LANE_TRUE(g > delta);
+        vd log_of = lane_select(inside, g, delta);
+        vd rest = lane_select(inside, K(0.0) * g, K(0.5) * (ratio * ratio - K(1.0))); /* 0 g: an infinite g is no number */
+        times(&product, lane_select(used, log_of, K(1.0)));
+        sum += lane_keep(used, rest);
+        *worst = lane_select(used & LANE_TRUE(-gs[r] > *worst), -gs[r], *worst);
+    }
+    return sum - logarithm(&product);
+}
+
+/* Slope and curvature of the barrier at g. */
+static inline void barrier_derivatives(vd g, vd delta, vd *slope, vd *curvature)
+{
+    vi inside = LANE_TRUE(g > delta);
+    vd inverse = K(1.0) / lane_select(inside, g, delta);
+    *curvature = inverse * inverse;
+    *slope = lane_select(inside, -inverse, (g - K(2.0) * delta) * *curvature);
 }
 
 /* ---- evaluation of a trial */
@@ -88,28 +134,26 @@ typedef struct {
 
 static void block_sums(const Block *b, int nr, int ng, int nh, double weight, int is_end, Sums *s)
 {
-    double scale[W];
-    for (int l = 0; l < W; l++) scale[l] = is_end ? 1.0 : b->dt[l];
-    for (int r = 0; r < nr; r++)
-        for (int l = 0; l < W; l++) {
-            int i = r * W + l;
-            s->cost += 0.5 * scale[l] * b->weight[i] * b->residual[i] * b->residual[i];
-        }
-    for (int r = 0; r < ng; r++)
-        for (int l = 0; l < W; l++) {
-            int i = r * W + l;
-            if (b->g_mask[i] == 0.0) continue;
-            s->penalty += b->dt[l] * weight * b->g_mask[i] * barrier_value(b->g[i] - b->shift[i], b->relaxation[i]);
-            s->max_g = fmax(s->max_g, -b->g[i] * b->g_mask[i]);
-        }
-    for (int r = 0; r < nh; r++)
-        for (int l = 0; l < W; l++) {
-            int i = r * W + l;
-            if (b->h_mask[i] == 0.0) continue;
-            double h = b->h[i];
-            s->penalty += scale[l] * b->h_mask[i] * (0.5 * b->penalty[i] * h * h + b->multiplier[i] * h);
-            s->max_h = fmax(s->max_h, fabs(h * b->h_mask[i]));
-        }
+    const vd *weights = (const vd *)b->weight, *residual = (const vd *)b->residual;
+    const vd *hs = (const vd *)b->h, *mask = (const vd *)b->h_mask;
+    const vd *multiplier = (const vd *)b->multiplier, *penalties = (const vd *)b->penalty;
+    vd dt = time_steps(b), scale = is_end ? K(1.0) : dt, cost = K(0.0), penalty = K(0.0), max_g = K(0.0), max_h = K(0.0);
+    for (int r = 0; r < nr; r++) cost += weights[r] * residual[r] * residual[r];
+    for (int r = 0; r < nh; r++) {
+        vi used = rows_in_use(mask[r]);
+        vd h = hs[r], size = lane_fabs(h);
+        penalty += lane_keep(used, K(0.5) * penalties[r] * h * h + multiplier[r] * h);
+        max_h = lane_select(used & LANE_TRUE(size > max_h), size, max_h);
+    }
+    cost *= K(0.5) * scale;
+    penalty *= scale;
+    if (ng) penalty += dt * K(weight) * barrier_values(b, ng, &max_g);
+    for (int l = 0; l < b->count; l++) {
+        s->cost += LANE_OF(cost, l);
+        s->penalty += LANE_OF(penalty, l);
+        s->max_g = fmax(s->max_g, LANE_OF(max_g, l));
+        s->max_h = fmax(s->max_h, LANE_OF(max_h, l));
+    }
 }
 
 static const double *node(const Phase *ph, int k, int trial) { return (trial ? ph->xt : ph->x) + (size_t)k * ph->mode->nx; }
@@ -159,6 +203,27 @@ static void evaluate(Problem *pr)
     }
 }
 
+/* Sum and largest of the sizes of n numbers, eight at a time. */
+static void add_sizes(const double *d, int n, Sums *s)
+{
+    double sum[8] = {0}, most[8] = {0};
+    int j = 0;
+    for (; j + 8 <= n; j += 8)
+        for (int l = 0; l < 8; l++) {
+            double size = fabs(d[j + l]);
+            sum[l] += size;
+            most[l] = size > most[l] ? size : most[l];
+        }
+    for (; j < n; j++) {
+        sum[0] += fabs(d[j]);
+        most[0] = fmax(most[0], fabs(d[j]));
+    }
+    for (int l = 0; l < 8; l++) {
+        s->gap += sum[l];
+        s->max_defect = fmax(s->max_defect, most[l]);
+    }
+}
+
 static void trial_defects(Problem *pr, Sums *s)
 {
     for (int i = 0; i < pr->num_phases; i++) {
@@ -168,12 +233,10 @@ static void trial_defects(Problem *pr, Sums *s)
             double *d = ph->dt_trial + (size_t)k * m->ndx;
             const double *from = k ? ph->x_next + (size_t)(k - 1) * m->nx : (i ? ph->start : pr->initial);
             minus(m, from, node(ph, k, 1), d);
-            for (int j = 0; j < m->ndx; j++) {
-                s->gap += fabs(d[j]);
-                s->max_defect = d[j] == d[j] ? fmax(s->max_defect, fabs(d[j])) : NAN;
-            }
         }
+        add_sizes(ph->dt_trial, (ph->N + 1) * m->ndx, s);
     }
+    if (isnan(s->gap)) s->max_defect = NAN; /* which no maximum takes up */
 }
 
 static Sums sums_of_trial(Problem *pr)
@@ -218,23 +281,26 @@ static void accept(Problem *pr)
 
 static void rows(const Problem *pr, const Block *b, int nr, int ng, int nh, int is_end)
 {
-    double *s = pr->slope, *c = pr->curvature;
-    for (int r = 0; r < nr * W; r++) {
-        double scale = is_end ? 1.0 : b->dt[r % W];
-        c[r] = scale * b->weight[r];
-        s[r] = c[r] * b->residual0[r];
+    vd *s = (vd *)pr->slope, *c = (vd *)pr->curvature, dt = time_steps(b), scale = is_end ? K(1.0) : dt;
+    const vd *weight = (const vd *)b->weight, *residual = (const vd *)b->residual0;
+    for (int r = 0; r < nr; r++) {
+        c[r] = scale * weight[r];
+        s[r] = c[r] * residual[r];
     }
-    s += nr * W, c += nr * W;
-    for (int r = 0; r < ng * W; r++) {
-        double scale = b->dt[r % W] * pr->weight * b->g_mask[r], g = b->g0[r] - b->shift[r];
-        s[r] = scale == 0.0 ? 0.0 : scale * barrier_slope(g, b->relaxation[r]);
-        c[r] = scale == 0.0 ? 0.0 : scale * barrier_curvature(g, b->relaxation[r]);
+    s += nr, c += nr;
+    const vd *g = (const vd *)b->g0, *shift = (const vd *)b->shift, *relaxation = (const vd *)b->relaxation;
+    for (int r = 0; r < ng; r++) {
+        vd weighs = dt * K(pr->weight) * ((const vd *)b->g_mask)[r], slope, curvature;
+        barrier_derivatives(g[r] - shift[r], relaxation[r], &slope, &curvature);
+        s[r] = lane_keep(rows_in_use(weighs), weighs * slope);
+        c[r] = lane_keep(rows_in_use(weighs), weighs * curvature);
     }
-    s += ng * W, c += ng * W;
-    for (int r = 0; r < nh * W; r++) {
-        double scale = (is_end ? 1.0 : b->dt[r % W]) * b->h_mask[r];
-        s[r] = scale == 0.0 ? 0.0 : scale * (b->penalty[r] * b->h0[r] + b->multiplier[r]);
-        c[r] = scale * b->penalty[r];
+    s += ng, c += ng;
+    const vd *h = (const vd *)b->h0, *multiplier = (const vd *)b->multiplier, *penalty = (const vd *)b->penalty;
+    for (int r = 0; r < nh; r++) {
+        vd weighs = scale * ((const vd *)b->h_mask)[r];
+        s[r] = lane_keep(rows_in_use(weighs), weighs * (penalty[r] * h[r] + multiplier[r]));
+        c[r] = weighs * penalty[r];
     }
 }
 
@@ -293,37 +359,9 @@ static int backward(Problem *pr, double regularization)
 {
     for (int i = pr->num_phases - 1; i >= 0; i--) {
         Phase *ph = &pr->phases[i];
-        int n = ph->mode->ndx;
-        double *v = ph->V_x + (size_t)ph->N * n, *V = ph->V_xx + (size_t)ph->N * n * n;
-        for (int r = 0; r < n; r++) {
-            v[r] = ph->end_grad[r];
-            for (int c = 0; c < n; c++) V[r * n + c] = r <= c ? ph->end_H[r * n + c] : ph->end_H[c * n + r];
-        }
-        if (ph->next) {
-            const Phase *nx = ph->next;
-            int k = nx->mode->ndx;
-            const double *Vn = nx->V_xx, *P = ph->P;
-            for (int r = 0; r < k; r++) {
-                double s = nx->V_x[r];
-                for (int c = 0; c < k; c++) s += Vn[r * k + c] * nx->d[c];
-                for (int j = 0; j < n; j++) v[j] += P[r * n + j] * s;
-            }
-            for (int r = 0; r < k; r++) { /* row of V P, then P^T times it */
-                double row[n];
-                for (int j = 0; j < n; j++) row[j] = 0.0;
-                for (int c = 0; c < k; c++) {
-                    double w = Vn[r * k + c];
-                    for (int j = 0; j < n; j++) row[j] += w * P[c * n + j];
-                }
-                for (int q = 0; q < n; q++) {
-                    double w = P[r * n + q];
-                    if (w != 0.0)
-                        for (int j = 0; j < n; j++) V[q * n + j] += w * row[j];
-                }
-            }
-        }
+        ph->mode->end_value(ph);
         if (!ph->mode->backward(ph, regularization)) return 0;
-        for (int j = 0; j < n; j++)
+        for (int j = 0; j < ph->mode->ndx; j++)
             if (!isfinite(ph->V_x[j])) return 0;
     }
     return 1;
@@ -332,29 +370,12 @@ static int backward(Problem *pr, double regularization)
 static void forward(Problem *pr, int correction, double dV[2])
 {
     if (dV) dV[0] = dV[1] = 0.0;
+    Phase *first = &pr->phases[0];
+    memcpy(first->dx, correction ? first->dt_trial : first->d, sizeof(double) * (size_t)first->mode->ndx);
     for (int i = 0; i < pr->num_phases; i++) {
         Phase *ph = &pr->phases[i];
-        const Mode *m = ph->mode;
-        const double *d = correction ? ph->dt_trial : ph->d;
-        if (i == 0) memcpy(ph->dx, d, sizeof(double) * (size_t)m->ndx);
-        m->forward(ph, d, !correction, dV);
-        const double *last = ph->dx + (size_t)ph->N * m->ndx;
-        if (dV)
-            for (int r = 0; r < m->ndx; r++) {
-                double s = 0.5 * ph->end_H[r * m->ndx + r] * last[r];
-                for (int c = r + 1; c < m->ndx; c++) s += ph->end_H[r * m->ndx + c] * last[c];
-                dV[0] += ph->end_grad[r] * last[r];
-                dV[1] += 2.0 * s * last[r];
-            }
-        if (ph->next) {
-            Phase *nx = ph->next;
-            const double *dn = correction ? nx->dt_trial : nx->d;
-            for (int r = 0; r < nx->mode->ndx; r++) {
-                double s = dn[r];
-                for (int c = 0; c < m->ndx; c++) s += ph->P[r * m->ndx + c] * last[c];
-                nx->dx[r] = s;
-            }
-        }
+        const double *after = !ph->next ? NULL : correction ? ph->next->dt_trial : ph->next->d;
+        ph->mode->forward(ph, correction ? ph->dt_trial : ph->d, after, !correction, dV);
     }
 }
 
@@ -673,14 +694,16 @@ int piaffe_solve(Problem *pr, int resumed)
 /* The merit of the accepted iterate, with the barrier and multipliers as they are now. */
 double piaffe_merit(Problem *pr) { return augmented_of_accepted(pr) + pr->rho * pr->gap; }
 
-/* The policy and expansions at the accepted iterate, with the least regularisation that succeeds. */
-void piaffe_policy(Problem *pr)
+/* The policy and expansions at the accepted iterate, with the least regularisation that succeeds; 0 if none does. */
+int piaffe_policy(Problem *pr)
 {
-    double regularization = 0.0;
+    int found = 0;
     linearise(pr);
     for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 1;
-    while (!backward(pr, regularization) && regularization <= pr->options.max_regularization)
-        regularization = fmax(10 * regularization, pr->options.regularization);
+    for (double r = 0.0; !found && r <= pr->options.max_regularization; r = fmax(10 * r, pr->options.regularization))
+        found = backward(pr, r);
+    for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 0; /* sweeps of a solve need not write all that */
+    return found;
 }
 
 /* Least seconds of each part of an iteration at the accepted iterate, for benchmarks: evaluation and sums of a trial, linear-quadratic

@@ -8,7 +8,7 @@ import time
 import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 
@@ -21,9 +21,11 @@ from piaffe.models import base, feet, joints, stance
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
 from piaffe.solvers.iterate import Iterate
-from piaffe.solvers.native import Backend, Machine, NoCompilerError, compilers, library_for
+from piaffe.solvers.native import Backend, Machine, NoCompilerError, compilers, drive, library_for
 from piaffe.solvers.native.program import program
 from piaffe.solvers.native.start import NoCompilerWarning
+from piaffe.solvers.result import assemble
+from piaffe.solvers.run import Run
 
 from ...problems import PROBLEMS, linear_quadratic
 from .watched import Watched, same_decisions
@@ -186,6 +188,35 @@ def test_from_each_iterate_of_numpy_one_iteration_makes_the_next(name: str) -> N
 @pytest.mark.parametrize("name", ALL)
 def test_solution_and_duals_are_those_of_numpy(name: str) -> None:
     assert_same_result(in_c(name), by_numpy(name))
+
+
+@pytest.mark.parametrize("limit", [1, 3, 200])
+@pytest.mark.parametrize("name", ALL)
+def test_policy_and_expansions_are_those_of_numpy_at_the_same_iterate(name: str, limit: int) -> None:
+    by_c = MSiLQR(compiled(name), Options(max_iterations=limit))
+    assert by_c.machine is not None
+    run = Run(by_c.evaluator, by_c.options, by_c.start(None), by_c.flags(True), None)
+    status = drive(by_c.machine, run, None, None)
+    assert run.policy is not None
+    got = assemble(run, status, 0.0)
+    run.policy = None
+    expected = assemble(run, status, 0.0)
+    for p, q in zip(got.phases, expected.phases, strict=True):
+        for field in ("feedforward", "feedback", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu"):
+            a, b = getattr(p, field), getattr(q, field)
+            close = 1e-8 * (1 + np.max(np.abs(b), initial=0.0))
+            np.testing.assert_allclose(a, b, rtol=1e-8, atol=close, err_msg=field)
+
+
+def test_policy_is_zero_where_no_sweep_succeeds() -> None:
+    problem, options = compiled("hopper"), Options(max_iterations=1)
+    solver = MSiLQR(problem, options)
+    assert solver.machine is not None
+    solver.solve()
+    solver.machine.c.options.max_regularization = -1.0
+    for sweep in solver.machine.policy():
+        assert sweep.V_xx.shape[0] == len(sweep.feedback) + 1
+        assert not any(np.any(getattr(sweep, field.name)) for field in fields(sweep))
 
 
 @pytest.mark.parametrize("name", ["hopper", "rope"])

@@ -1,0 +1,53 @@
+"""Tables: what the kernels' C texts know of sparsity, as constant arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as cs
+
+TABLE = "static const int __attribute__((unused))"  # a mode without implicit variables has no use for some
+WIDTHS = (4, 8)
+"""Doubles per vector that ``tiles.inc`` works with."""
+
+
+def defines(**values: int) -> list[str]:
+    """Return a ``#define`` of each value."""
+    return [f"#define {name} {value}" for name, value in values.items()]
+
+
+def table(name: str, numbers: Sequence[int]) -> str:
+    """Return a constant array; C has none without entries."""
+    return f"{TABLE} {name}[] = {{{', '.join(map(str, numbers)) or '0'}}};"
+
+
+def lists(name: str, entries: Sequence[Sequence[int]]) -> list[str]:
+    """Return lists of numbers one after another, ``name_row``, and where each begins, ``name_from``."""
+    ends = [0]
+    for own in entries:
+        ends.append(ends[-1] + len(own))
+    return [table(f"{name}_from", ends), table(f"{name}_row", [k for own in entries for k in own])]
+
+
+def dynamics_rows(d_w: cs.Sparsity, d_z: cs.Sparsity) -> list[str]:
+    """Return the tables of ``riccati.inc``: which rows of D are dense, and where the entries of the others are.
+
+    A row is dense if it depends on implicit variables or has entries in more than half of the vectors of eight columns.
+    """
+    num_rows, num_cols = d_w.size1(), d_w.size2()
+    columns: list[list[int]] = [[] for _ in range(num_rows)]
+    for r, c in zip(d_w.row(), d_w.get_col(), strict=True):
+        columns[r].append(c)
+    implicit, vectors = set(d_z.row()), -(-num_cols // 8)
+    dense = [r for r in range(num_rows) if r in implicit or 2 * len({c // 8 for c in columns[r]}) > vectors]
+    by_column = [[r for r in range(num_rows) if r not in dense and c in columns[r]] for c in range(num_cols)]
+    entries = [(r, c) for c, rows in enumerate(by_column) for r in rows]
+    lines = [*defines(NUM_DENSE=len(dense), NUM_SPARSE=len(entries)), table("dense_row", dense)]
+    lines += [*lists("sparse", by_column), table("sparse_col", [c for _, c in entries])]
+    for width in WIDTHS:
+        diagonals = sorted({(c // width, c - r) for r, c in entries})
+        by_vector = [[shift for v, shift in diagonals if v == vector] for vector in range(-(-num_cols // width))]
+        at = {diagonal: k * width for k, diagonal in enumerate(diagonals)}
+        lines += lists(f"shift{width}", by_vector)
+        lines.append(table(f"shift{width}_at", [at[c // width, c - r] + c % width for r, c in entries]))
+    return lines
