@@ -72,12 +72,15 @@ static double barrier_value(double g, double delta)
     return 0.5 * (r * r - 1) - log(delta);
 }
 
-static double barrier_slope(double g, double delta) { return g > delta ? -1 / g : (g - 2 * delta) / (delta * delta); }
-
 static double barrier_curvature(double g, double delta)
 {
     double s = g > delta ? g : delta;
     return 1 / (s * s);
+}
+
+static double barrier_slope(double g, double delta) /* one division serves both, and no branch keeps lanes apart */
+{
+    return (g > delta ? -g : g - 2 * delta) * barrier_curvature(g, delta);
 }
 
 /* ---- evaluation of a trial */
@@ -210,6 +213,7 @@ static void accept(Problem *pr)
                     swap(&b->residual, &b->residual0);
                     swap(&b->g, &b->g0);
                     swap(&b->h, &b->h0);
+                    swap(&b->factors, &b->factors0);
                 }
         }
 }
@@ -218,28 +222,52 @@ static void accept(Problem *pr)
 
 static void rows(const Problem *pr, const Block *b, int nr, int ng, int nh, int is_end)
 {
-    double *s = pr->slope, *c = pr->curvature;
-    for (int r = 0; r < nr * W; r++) {
-        double scale = is_end ? 1.0 : b->dt[r % W];
-        c[r] = scale * b->weight[r];
-        s[r] = c[r] * b->residual0[r];
-    }
+    double *restrict s = pr->slope, *restrict c = pr->curvature, step[W], weight = pr->weight;
+    const double *restrict residual = b->residual0, *restrict g = b->g0, *restrict h = b->h0;
+    for (int l = 0; l < W; l++) step[l] = is_end ? 1.0 : b->dt[l];
+    for (int r = 0; r < nr; r++)
+        for (int l = 0; l < W; l++) {
+            int i = r * W + l;
+            c[i] = step[l] * b->weight[i];
+            s[i] = c[i] * residual[i];
+        }
     s += nr * W, c += nr * W;
-    for (int r = 0; r < ng * W; r++) {
-        double scale = b->dt[r % W] * pr->weight * b->g_mask[r], g = b->g0[r] - b->shift[r];
-        s[r] = scale == 0.0 ? 0.0 : scale * barrier_slope(g, b->relaxation[r]);
-        c[r] = scale == 0.0 ? 0.0 : scale * barrier_curvature(g, b->relaxation[r]);
-    }
+    const double *restrict mask = b->g_mask, *restrict shift = b->shift, *restrict relaxation = b->relaxation;
+    for (int r = 0; r < ng; r++)
+        for (int l = 0; l < W; l++) {
+            int i = r * W + l;
+            double scale = b->dt[l] * weight * mask[i], value = g[i] - shift[i];
+            double slope = scale * barrier_slope(value, relaxation[i]), bend = scale * barrier_curvature(value, relaxation[i]);
+            s[i] = scale == 0.0 ? 0.0 : slope; /* a row that is not there may hold anything */
+            c[i] = scale == 0.0 ? 0.0 : bend;
+        }
     s += ng * W, c += ng * W;
-    for (int r = 0; r < nh * W; r++) {
-        double scale = (is_end ? 1.0 : b->dt[r % W]) * b->h_mask[r];
-        s[r] = scale * (b->penalty[r] * b->h0[r] + b->multiplier[r]);
-        c[r] = scale * b->penalty[r];
+    for (int r = 0; r < nh; r++)
+        for (int l = 0; l < W; l++) {
+            int i = r * W + l;
+            double scale = step[l] * b->h_mask[i];
+            s[i] = scale * (b->penalty[i] * h[i] + b->multiplier[i]);
+            c[i] = scale * b->penalty[i];
+        }
+}
+
+/* Kernels write only what may differ from zero. */
+static void clear(Problem *pr)
+{
+    for (int i = 0; i < pr->num_phases; i++) {
+        Phase *ph = &pr->phases[i];
+        size_t n = (size_t)ph->mode->ndx, w = n + (size_t)ph->mode->nu, N = (size_t)ph->N;
+        memset(ph->D, 0, sizeof(double) * N * n * w);
+        memset(ph->H, 0, sizeof(double) * N * w * w);
+        memset(ph->end_H, 0, sizeof(double) * n * n);
+        if (ph->next) memset(ph->P, 0, sizeof(double) * (size_t)ph->next->mode->ndx * n);
     }
+    pr->cleared = 1;
 }
 
 static void linearise(Problem *pr)
 {
+    if (!pr->cleared) clear(pr);
     const double *x[W], *u[W], *xn[W];
     double *a[W], *b_[W], *c[W], *unused[W];
     for (int g = 0; g < pr->num_groups; g++) {
