@@ -109,13 +109,14 @@ class Machine:
         ends = [(i, phase.num_stages) for i, phase in phases]
         rows = {name: len(r) for name, r in mode.rows.items()}
         group = self.types.Group()
-        group.mode = ct.addressof(ct.c_char.in_dll(self.library, f"mode{number}_table"))
+        sizes = s.ModeSizes.in_dll(self.library, f"mode{number}_table")
+        group.mode = ct.addressof(sizes)
         blocks = [
-            self._block(part, "stage", rows["stage_residual"], rows["stage_g"], rows["stage_h"], mode.nz)
+            self._block(part, "stage", rows["stage_residual"], rows["stage_g"], rows["stage_h"], mode.nz, sizes.nf)
             for part in self._parts(stages)
         ]
         last = [
-            self._block(part, "end", rows["terminal_residual"], rows["terminal_g"], rows["terminal_h"], 0)
+            self._block(part, "end", rows["terminal_residual"], rows["terminal_g"], rows["terminal_h"])
             for part in self._parts(ends)
         ]
         group.num_blocks, group.num_ends = len(blocks), len(last)
@@ -127,8 +128,9 @@ class Machine:
         """Return the group of a transition."""
         where = [(i, phase.num_stages) for i, phase in enumerate(self.problem.phases) if phase.transition is link]
         group = self.types.Group()
-        group.transition = ct.addressof(ct.c_char.in_dll(self.library, f"link{number}_table"))
-        blocks = [self._block(part, "link", 0, 0, 0, link.nz) for part in self._parts(where)]
+        sizes = s.TransitionSizes.in_dll(self.library, f"link{number}_table")
+        group.transition = ct.addressof(sizes)
+        blocks = [self._block(part, "link", 0, 0, 0, link.nz, sizes.nf) for part in self._parts(where)]
         group.num_blocks = len(blocks)
         group.blocks = self._keep((self.types.Block * max(len(blocks), 1))(*blocks))
         return group
@@ -136,14 +138,16 @@ class Machine:
     def _parts(self, nodes: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
         return [nodes[i : i + self.width] for i in range(0, len(nodes), self.width)]
 
-    def _block(self, nodes: list[tuple[int, int]], kind: str, nr: int, ng: int, nh: int, nz: int) -> Any:
+    def _block(
+        self, nodes: list[tuple[int, int]], kind: str, nr: int, ng: int, nh: int, nz: int = 0, nf: int = 0
+    ) -> Any:
         block = self.types.Block()
         block.count = len(nodes)
         for lane, (i, k) in enumerate(nodes):
             block.phase[lane], block.index[lane] = i, k
             block.dt[lane] = self.problem.phases[i].dt
         arrays: dict[str, Array] = {}
-        for name, rows in (("z", nz), ("residual", nr), ("g", ng), ("h", nh)):
+        for name, rows in (("z", nz), ("residual", nr), ("g", ng), ("h", nh), ("factors", nf)):
             arrays[name], arrays[name + "0"] = self._array(rows * self.width), self._array(rows * self.width)
         for name, rows in (("relaxation", ng), ("shift", ng), ("multiplier", nh), ("penalty", nh)):
             arrays[name] = self._array(rows * self.width)

@@ -24,8 +24,8 @@ _OF_PHASE = [
     "end_H", "P", "dx", "du", "k", "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
 ]  # fmt: skip
 _OF_BLOCK = [
-    "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "relaxation", "shift",
-    "multiplier", "penalty",
+    "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "factors",
+    "factors0", "relaxation", "shift", "multiplier", "penalty",
 ]  # fmt: skip
 _OF_SOLVE = [
     "weight", "rho", "least_rho", "regularization_now", "cost", "gap", "max_defect", "max_equality", "max_inequality",
@@ -58,6 +58,18 @@ Phase._fields_ = [
     ("keep", ct.c_int),
     ("next", ct.POINTER(Phase)),
 ]
+
+
+class ModeSizes(ct.Structure):
+    """How a mode's table begins."""
+
+    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nu", "nz", "nf")]
+
+
+class TransitionSizes(ct.Structure):
+    """How a transition's table begins."""
+
+    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nx_next", "ndx_next", "nz", "nf")]
 
 
 @dataclass(frozen=True)
@@ -104,6 +116,7 @@ def structs(width: int) -> Structs:
             ("history", ct.POINTER(Record)),
             ("num_records", ct.c_int),
             ("cancel", ct.c_int),
+            ("cleared", ct.c_int),
             ("slope", Doubles),
             ("curvature", Doubles),
             *((name, ct.c_double) for name in _OF_SOLVE),

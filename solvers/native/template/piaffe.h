@@ -16,6 +16,7 @@ typedef struct {
     double *weight, *g_mask, *h_mask;       /* per row; 0 in lanes beyond count */
     double *z, *residual, *g, *h;           /* values at the trial */
     double *z0, *residual0, *g0, *h0;       /* values at the accepted iterate */
+    double *factors, *factors0;             /* the implicit part's matrix, factored, at trial and accepted iterate */
     double *relaxation, *shift, *multiplier, *penalty;
 } Block;
 
@@ -23,7 +24,7 @@ struct Phase;
 
 /* One mode: sizes, and functions compiled with these sizes as constants. */
 typedef struct {
-    int nx, ndx, nu, nz, np, nr, ng, nh, mr, mg, mh;
+    int nx, ndx, nu, nz, nf, np, nr, ng, nh, mr, mg, mh;
     int num_parts;                          /* parts of the state: */
     const int *part_size, *part_is_rotation; /* size in the tangent; 1 for a quaternion */
     void (*values)(const Block *b, const double *const *x, const double *const *u, double *const *x_next);
@@ -39,7 +40,7 @@ typedef struct {
 } Mode;
 
 typedef struct {
-    int nx, ndx, nx_next, ndx_next, nz, np;
+    int nx, ndx, nx_next, ndx_next, nz, nf, np;
     void (*values)(const Block *b, const double *const *x, double *const *x_next);
     void (*lq)(const Block *b, const double *const *x, const double *const *xn, double *const *P);
 } Transition;
@@ -98,6 +99,7 @@ typedef struct {
     Record *history;                        /* (max_iterations) */
     volatile int num_records;               /* written last: a reader sees whole records */
     volatile int cancel;                    /* set by another thread to stop */
+    int cleared;                            /* whether D, H, end_H and P hold the zeros that no iterate changes; 0 at first */
     double *slope, *curvature;              /* scratch in lane layout: rows of the largest mode times W */
     /* state of a solve */
     double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_step;

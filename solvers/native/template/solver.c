@@ -273,6 +273,7 @@ static void accept(Problem *pr)
                     swap(&b->residual, &b->residual0);
                     swap(&b->g, &b->g0);
                     swap(&b->h, &b->h0);
+                    swap(&b->factors, &b->factors0);
                 }
         }
 }
@@ -304,8 +305,23 @@ static void rows(const Problem *pr, const Block *b, int nr, int ng, int nh, int 
     }
 }
 
+/* Kernels write only what may differ from zero. */
+static void clear(Problem *pr)
+{
+    for (int i = 0; i < pr->num_phases; i++) {
+        Phase *ph = &pr->phases[i];
+        size_t n = (size_t)ph->mode->ndx, w = n + (size_t)ph->mode->nu, N = (size_t)ph->N;
+        memset(ph->D, 0, sizeof(double) * N * n * w);
+        memset(ph->H, 0, sizeof(double) * N * w * w);
+        memset(ph->end_H, 0, sizeof(double) * n * n);
+        if (ph->next) memset(ph->P, 0, sizeof(double) * (size_t)ph->next->mode->ndx * n);
+    }
+    pr->cleared = 1;
+}
+
 static void linearise(Problem *pr)
 {
+    if (!pr->cleared) clear(pr);
     const double *x[W], *u[W], *xn[W];
     double *a[W], *b_[W], *c[W], *unused[W];
     for (int g = 0; g < pr->num_groups; g++) {
