@@ -1,4 +1,4 @@
-"""Numbers of a compiled problem that are not finite, by the name of what they belong to."""
+"""Numbers of a compiled problem that are not finite, or no masks, by the name of what they belong to."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def check_numbers(compiled: CompiledProblem) -> None:
     """Raise if a number of a compiled problem is NaN or infinite; name its declaration, the node and the entry.
 
     Raises:
-        ProblemError: a parameter, weight, target, bound, time, initial state or guess is not finite.
+        ProblemError: a parameter, weight, target, bound, time, initial state or guess is not finite, or a constraint's
+            mask neither 0 nor 1.
     """
     _check_initial(compiled)
     for i, phase in enumerate(compiled.phases):
@@ -35,11 +36,17 @@ def check_numbers(compiled: CompiledProblem) -> None:
                 table[node, entry],
             )  # fmt: skip
         for what, first, array, rows in _tables(phase):
-            if np.all(np.isfinite(array)):
+            fits = np.isin(array, (0.0, 1.0)) if what == "mask" else np.isfinite(array)
+            if np.all(fits):
                 continue
-            node, entry = (int(k) for k in np.argwhere(~np.isfinite(array))[0])
+            node, entry = (int(k) for k in np.argwhere(~fits)[0])
             owner = f"term '{compiled.row_name(rows[entry])}' ({_source(compiled, rows[entry])}), " if rows else ""
             name = f"{owner}phase {i} '{phase.name}' ({phase.interval.phase.source}), node {first + node}: {what}"
+            if what == "mask" and np.isfinite(array[node, entry]):
+                raise ProblemError(
+                    f"{name} is not one - got {array[node, entry]} at entry {entry}, expected 0 or 1; a constraint "
+                    "holds or does not: scale its rows instead"
+                )
             raise _error(name, entry, array[node, entry])
 
 

@@ -709,6 +709,10 @@ def test_masks_that_are_none():
     assert told(ShapeError, lambda: robot(constraints=ocp.Constraints(row))).startswith(
         "constraint 'm' (HERE): mask has the wrong size - got 3 entries, expected a divisor of 4 rows"
     )
+    row = ocp.inequality(lambda s: s.feet.height, mask=lambda s: 0.5 * s.feet.contact, name="m")
+    assert told(ProblemError, lambda: robot(constraints=ocp.Constraints(row))).startswith(
+        "term 'm 0 lower' (HERE), phase 0 'stand' (HERE), node 0: mask is not one - got 0.5 at entry 0, expected 0 or 1"
+    )
 
 
 # ---- solvers and models that do not go together
