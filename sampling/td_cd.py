@@ -1,0 +1,72 @@
+"""TD-CD-MPPI: annealed MPPI whose returns are discounted by violations and end in a learned value."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import Problem
+
+from .dial import DIAL
+from .discount import ConstraintDiscount, discounted_return
+from .mppi import Rolled
+from .options import Options
+from .reward import Reward
+from .value import Value, load_value
+
+Array = NDArray[np.float64]
+
+
+class TDCDMPPI(DIAL):
+    """Constraint-discounted MPPI with a terminal value [TD-CD-MPPI].
+
+    The return of a roll-out with rewards r, violations' discounts δ and value V is::
+
+        R = Σ_h [Π_{k≤h} γ₀ (1 − δ_k)] r_h + [Π_{k≤H} γ₀ (1 − δ_k)] V(x_{H+1})
+
+    Args:
+        problem: as for :class:`MPPI`.
+        options: see :class:`Options`.
+        reward: how cost becomes reward.
+        value: V, or the file that holds it; None for none.
+        **changed: single options.
+
+    Raises:
+        SamplingError: the value was learned for another robot, objective, reward or discount.
+    """
+
+    defaults: ClassVar[Options] = Options(samples=512)
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: Options | None = None,
+        *,
+        reward: Reward | None = None,
+        value: Value | str | PathLike[str] | None = None,
+        **changed: Any,
+    ) -> None:
+        super().__init__(problem, options, reward=reward, **changed)
+        self.discount = ConstraintDiscount(self.constraints, self.options)
+        self.value = None if value is None else load_value(value, self) if not isinstance(value, Value) else value
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the last plan and the largest violations, and begin the perturbations anew."""
+        super().reset(seed)
+        if hasattr(self, "discount"):
+            self.discount.reset()
+
+    def returns(self, rolled: Rolled) -> Array:
+        """Return the constraint-discounted return of every roll-out, (n,)."""
+        alive = ~rolled.failed
+        self.discount.follow(rolled.violation[:, alive].max(axis=(1, 2), initial=0.0))
+        delta = self.discount.of(rolled.violation)
+        value = None
+        if self.value is not None:
+            value = self.value(rolled.states[:, -1], rolled.k + self.steps + 1, self.nodes)
+        elif rolled.last is not None:
+            value = self.reward(rolled.last)
+        return discounted_return(self.reward(rolled.cost), delta, self.options.discount, value)
