@@ -1,6 +1,10 @@
 """Robots, their dynamics as CasADi models, gaits and the constraints that go with legs."""
 
 from . import gaits as gaits
+from . import terrain as terrain
+from .action import BoundAction as BoundAction
+from .action import joint_targets as joint_targets
+from .action import torques as torques
 from .constraints import base_height as base_height
 from .constraints import foot_clearance as foot_clearance
 from .constraints import friction_cone as friction_cone
@@ -11,6 +15,8 @@ from .doctor import diagnose as diagnose
 from .doctor_urdf import Finding as Finding
 from .kinematics import Kinematics as Kinematics
 from .loaders import load as load
+from .mujoco_model import Fall as Fall
+from .mujoco_model import Mujoco as Mujoco
 from .mujoco_scene import mujoco_model as mujoco_model
 from .mujoco_scene import mujoco_spec as mujoco_spec
 from .quantities import base as base
@@ -23,6 +29,7 @@ from .recipes import robot_from_recipe as robot_from_recipe
 from .robot import Foot as Foot
 from .robot import Robot as Robot
 from .single_rigid_body import SingleRigidBody as SingleRigidBody
+from .soft_contact import SoftContact as SoftContact
 from .stance import Stance as Stance
 from .stance import stance as stance
 from .whole_body import WholeBody as WholeBody

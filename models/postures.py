@@ -19,6 +19,7 @@ from .robot import Robot, to_pinocchio
 
 Array = NDArray[np.float64]
 XYZ = ("x", "y", "z")
+HEIGHT = ("z",)
 SHORT_NAMES = {
     "position": base.position,
     "rpy": base.orientation,
@@ -39,7 +40,9 @@ def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
     joints, stacked = quantities.joints, foot_labels(robot)
     return {
         **dict.fromkeys([base.position, base.orientation, base.linear_velocity, base.angular_velocity], XYZ),
-        **dict.fromkeys([joints.position, joints.velocity, joints.acceleration, joints.torque], robot.joint_names),
+        base.height: HEIGHT,
+        **dict.fromkeys([joints.position, joints.velocity, joints.acceleration], robot.joint_names),
+        **dict.fromkeys([joints.torque, joints.target], robot.joint_names),
         **dict.fromkeys([feet.position, feet.velocity, feet.force], stacked),
         feet.height: robot.foot_names,
         **dict.fromkeys([com.position, com.velocity, momentum], XYZ),

@@ -227,15 +227,17 @@ class Compilation:
                     value = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
                 row[block.quantity] = np.asarray(value, dtype=float)
             rows.append(model.state.pack(row))
-        controls = [
-            model.control.pack({b.quantity: s.get(b.quantity, np.zeros(b.nx)) for b in model.control.blocks})
-            if model.control.blocks else np.zeros(0)
-            for s in samples[:-1]
-        ]  # fmt: skip
+        controls = [self.control(model, sample) for sample in samples[:-1]]
         states = model.state.np_normalise(np.array(rows))
         if is_first:
             states[0] = self.problem.initial
         return states, np.array(controls).reshape(len(samples) - 1, model.control.nx)
+
+    def control(self, model: ModelBase, sample: Sample) -> Array:
+        """Return the control that the path names at a sample, else the model's own guess, else zero."""
+        known = {**model.control_guess(sample), **sample}
+        named = {b.quantity: np.asarray(known.get(b.quantity, np.zeros(b.nx))) for b in model.control.blocks}
+        return model.control.pack(named) if named else np.zeros(0)
 
     # ---- what was declared and applies nowhere
 

@@ -97,7 +97,7 @@ class Dynamics:
 
     Args:
         implicit: r(x, u, z, p), (nz, 1), affine in z.
-        next_state: the discrete step given z, (nx, 1).
+        next_state: the discrete step given z, (nx, 1); (0, 1) of a model without derivatives.
         quantities: what terms may speak about.
         outputs: quantities worth recording in a trajectory beside state and control (contact forces).
     """
@@ -217,6 +217,15 @@ class ModelBase(ABC):
 
     def recipe(self) -> dict[str, object]:
         """Return what a file must hold to rebuild what plots and films need of the model, as JSON-able values."""
+        return {}
+
+    @property
+    def own_step(self) -> float | None:
+        """The one time step that the model can make [s]; None for any."""
+        return None
+
+    def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
+        """Return the control to begin with where the path has a sample but names no control; zero by default."""
         return {}
 
     # ---- what a user says with it
