@@ -19,6 +19,8 @@ from .mujoco_model import Fall as Fall
 from .mujoco_model import Mujoco as Mujoco
 from .mujoco_scene import mujoco_model as mujoco_model
 from .mujoco_scene import mujoco_spec as mujoco_spec
+from .payload import Payload as Payload
+from .payload import payload as payload
 from .quantities import base as base
 from .quantities import com as com
 from .quantities import feet as feet

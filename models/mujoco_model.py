@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piaffe.errors import ModelError
 from piaffe.ocp import rotation
 from piaffe.ocp.manifold import Block, Manifold
 from piaffe.ocp.model import Dynamics, Node, Quantities, Sample
 from piaffe.ocp.quantity import Quantity
 
-from .action import Action, BoundAction, joint_targets
+from .action import Action, BoundAction, joint_targets, per_joint
 from .bindings import bind_motion, frame_points
 from .kinematics import Kinematics
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel
 from .mujoco_scene import compile_spec, mujoco_spec
+from .payload import Payload
 from .quantities import joints
 from .recursions import Recursion
 from .robot import Robot, require_robot
@@ -57,7 +59,12 @@ class Mujoco(LeggedModel):
         substeps: steps of the simulator per step of the schedule, whose ``dt`` is the product.
         contact: how contacts are solved; the default is made for planning.
         action: what a control is; joint targets by default.
+        armature: inertia of the rotors as seen at the joints, a number, n of them or a mapping from labels that names
+            every joint [kg m²]. By default the robot's, but with an explicit integrator at least kd h + kp h² for steps
+            h, so that no step makes the PD law overshoot.
+        payload: a mass on the base, see :func:`~piaffe.models.payload`.
         friction: sliding friction coefficient of the robot's surface.
+        body_collisions: let base and legs touch the ground, not the feet alone, so that a fallen robot does not sink.
         name: name of the model.
     """
 
@@ -70,15 +77,22 @@ class Mujoco(LeggedModel):
         substeps: int = 1,
         contact: SoftContact | None = None,
         action: Action | None = None,
+        armature: Any = None,
+        payload: Payload | None = None,
         friction: float = 1.0,
+        body_collisions: bool = False,
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.Mujoco")
         self.terrain: Terrain = terrain if terrain is not None else Flat()
-        self.timestep, self.substeps = float(timestep), int(substeps)
-        self.contact = contact or SoftContact()
-        self.friction = float(friction)
-        self.action: BoundAction = (action or joint_targets()).bind(robot)
+        self.timestep, self.substeps = _step(robot, timestep, substeps)
+        self.contact, self.friction = contact or SoftContact(), float(friction)
+        self.declared_action = action or joint_targets()
+        self.action: BoundAction = self.declared_action.bind(robot)
+        self.payload, self.body_collisions = payload, bool(body_collisions)
+        loaded = robot if payload is None else payload.put_on(robot)
+        self._armature = robot.armature if armature is None else per_joint(robot, "models.Mujoco, armature", armature)
+        self.simulated = replace(loaded, armature=self._armature if armature is not None else self._steady(robot))
         nf = len(robot.feet)
         slots = {"contact": np.zeros(nf), "landing": np.zeros(nf), "lifting": np.zeros(nf)}
         positions = (*POSE_BLOCKS, Block(joints.position, robot.joint_names))
@@ -92,7 +106,7 @@ class Mujoco(LeggedModel):
             slots=slots,
             cut_by_modes=False,
         )
-        self.tree = Tree.from_pinocchio(robot.model)
+        self.tree = Tree.from_pinocchio(loaded.model)
         self._points = frame_points(robot)
         self._compiled: dict[bool, Any] = {}
 
@@ -141,6 +155,13 @@ class Mujoco(LeggedModel):
 
     # ---- the simulator
 
+    def _steady(self, robot: Robot) -> Array:
+        """Return the robot's armature, raised to what explicit steps of the PD law need, (n,) [kg m²]."""
+        if self.contact.integrator != "euler":
+            return robot.armature
+        h = self.timestep
+        return np.maximum(robot.armature, self.action.kd * h + self.action.kp * h**2)
+
     def spec(self, *, visuals: bool = False) -> Any:
         """Return an editable ``mujoco.MjSpec`` of robot and terrain; controls are the action's.
 
@@ -148,8 +169,8 @@ class Mujoco(LeggedModel):
             visuals: draw the robot, with lights and a camera that follows it.
         """
         spec = mujoco_spec(
-            self.robot, friction=self.friction, dt=self.timestep, visuals=visuals, terrain=self.terrain,
-            action=self.action, surface=self.contact.surface(self.friction),
+            self.simulated, friction=self.friction, dt=self.timestep, visuals=visuals, terrain=self.terrain,
+            action=self.action, surface=self.contact.surface(self.friction), hull=self.body_collisions,
         )  # fmt: skip
         self.contact.apply_to(spec)
         return spec
@@ -157,8 +178,31 @@ class Mujoco(LeggedModel):
     def compiled(self, *, visuals: bool = False) -> Any:
         """Return the ``mujoco.MjModel``, made once; it is shared and must not be changed."""
         if visuals not in self._compiled:
-            self._compiled[visuals] = compile_spec(self.spec(visuals=visuals), self.robot)
+            self._compiled[visuals] = compile_spec(self.spec(visuals=visuals), self.simulated)
         return self._compiled[visuals]
+
+    def as_plant(self, timestep: float = 0.002, **changes: Any) -> Mujoco:
+        """Return a model of the same robot, terrain and action that is simulated in finer steps, to convergence.
+
+        Args:
+            timestep: of its simulator [s]; the schedule's time step stays.
+            changes: other arguments of the class, for what the planner does not know: ``payload``, ``friction``, …
+
+        Raises:
+            ModelError: the schedule's time step is not a whole number of these.
+        """
+        steps = round(self.dt / timestep)
+        if steps < 1 or abs(steps * timestep - self.dt) > 1e-9:
+            raise ModelError(
+                f"plant of '{self.name}': timestep does not divide the schedule's step - got {timestep:g} s, expected "
+                f"{self.dt:g} s over a whole number; choose one"
+            )
+        same = {
+            "terrain": self.terrain, "action": self.declared_action, "contact": SoftContact.accurate(),
+            "armature": self._armature, "payload": self.payload, "friction": self.friction,
+            "body_collisions": self.body_collisions, "name": f"{self.name}, plant",
+        }  # fmt: skip
+        return Mujoco(self.robot, timestep=timestep, substeps=steps, **{**same, **changes})
 
     def control_to_ctrl(self, controls: Array) -> Array:
         """Return MuJoCo's ``ctrl`` for controls, (..., nu): the same, as the actuators apply the action."""
@@ -185,3 +229,17 @@ class Mujoco(LeggedModel):
         upright = rotation.np_matrix(x[..., 3:7])[..., 2, 2]
         with np.errstate(invalid="ignore"):
             return np.asarray(~finite | (upright < np.cos(fall.tilt)) | (self.height_above_terrain(x) < fall.height))
+
+
+def _step(robot: Robot, timestep: float, substeps: int) -> tuple[float, int]:
+    """Return the simulator's step [s] and how many make one of the schedule; raise ModelError if they make no sense."""
+    for name, value, holds in (
+        ("timestep", timestep, np.isfinite(timestep) and timestep > 0),
+        ("substeps", substeps, substeps == int(substeps) and substeps >= 1),
+    ):
+        if not holds:
+            raise ModelError(
+                f"models.Mujoco of '{robot.name}': {name} is out of range - got {value!r}, expected "
+                f"{'seconds > 0' if name == 'timestep' else 'a whole number ≥ 1'}; change it"
+            )
+    return float(timestep), int(substeps)

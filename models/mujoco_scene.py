@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError
 
 from .action import BoundAction
+from .mujoco_hull import add_hull
 from .mujoco_look import draw, import_mujoco, quaternion, scale, stage
 from .robot import ROOT, Robot
 from .terrain import Flat, Terrain
@@ -39,6 +40,7 @@ def mujoco_spec(
     terrain: Terrain | None = None,
     action: BoundAction | None = None,
     surface: Mapping[str, Any] | None = None,
+    hull: bool = False,
 ) -> Any:
     """Return an editable ``mujoco.MjSpec`` of the robot on a floor.
 
@@ -59,7 +61,8 @@ def mujoco_spec(
         meshes: draw meshes where the URDF has them; else capsules between the joints.
         terrain: the ground; level at z = 0 by default.
         action: what the actuators' controls are; torques by default.
-        surface: options of the feet's geoms in place of ``friction``.
+        surface: options of the robot's geoms in place of ``friction``.
+        hull: let a box for the base and capsules for the legs touch the ground, too.
     """
     mujoco = import_mujoco()
     spec = mujoco.MjSpec()
@@ -71,7 +74,10 @@ def mujoco_spec(
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     bodies = _add_bodies(mujoco, spec, robot, joint_limits)
     _add_floor(spec, contacts, friction, terrain or Flat())
-    _add_feet(mujoco, robot, bodies, contacts, surface or {"priority": 1, "friction": _slide(friction)})
+    surface = surface or {"priority": 1, "friction": _slide(friction)}
+    _add_feet(mujoco, robot, bodies, contacts, surface)
+    if hull:
+        add_hull(robot, bodies, surface)
     if action is None:
         _add_motors(mujoco, spec, robot)
     else:
