@@ -16,6 +16,7 @@ from piaffe.errors import PiaffeError
 
 from .loading import load_problem
 from .reports import terminal
+from .sampling_commands import mppi
 
 FAILED, REFUSED = 1, 2  # exit codes: the result is not what was hoped for; the command could not do what was asked
 SHEET = (3, 2)  # columns and rows of a picture of single moments
@@ -301,3 +302,6 @@ def cache(
         print(as_json(cache_values(kept)))
     else:
         print_cache(terminal(), cache_values(kept))
+
+
+app.command()(mppi)

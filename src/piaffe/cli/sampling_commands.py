@@ -1,0 +1,146 @@
+"""The commands that sample: ``piaffe mppi`` runs a controller in closed loop."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from piaffe.errors import SamplingError
+
+from .reports import as_json, terminal
+
+FAILED = 1
+
+SampledFile = Annotated[
+    str,
+    typer.Argument(
+        metavar="FILE[:name]", help="Python file with `sampled_problem` or `problem`, or another name after a colon."
+    ),
+]
+
+
+def mppi(
+    file: SampledFile,
+    controller: Annotated[str, typer.Option(help="td-cd, dial or mppi.")] = "td-cd",
+    value: Annotated[
+        str | None, typer.Option(metavar="V", help="Value at the horizon's end; the file's by default, or `none`.")
+    ] = None,
+    steps: Annotated[int, typer.Option(min=1, help="Control steps per episode.")] = 400,
+    seeds: Annotated[int, typer.Option(min=1, help="Run seeds 0, 1, ... so many.")] = 1,
+    seed: Annotated[int | None, typer.Option(min=0, help="Run this seed alone.")] = None,
+    horizon: Annotated[int | None, typer.Option(min=2, help="Steps H; the declared one by default.")] = None,
+    samples: Annotated[int | None, typer.Option(min=1, help="Perturbed roll-outs per stage.")] = None,
+    temperature: Annotated[float | None, typer.Option(help="λ of the weights.")] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="Any other option of the controller, or argument of FILE's function."
+        ),
+    ] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Of roll-outs; one per core by default.")] = None,
+    payload: Annotated[float, typer.Option(help="Mass on the plant's base that the planner does not know [kg].")] = 0.0,
+    friction: Annotated[
+        float | None, typer.Option(help="Friction of the plant; that of the planner by default.")
+    ] = None,
+    latency: Annotated[float, typer.Option(help="From a state to the control planned for it [s].")] = 0.0,
+    plant_timestep: Annotated[float, typer.Option(help="Step of the plant's simulator [s].")] = 0.002,
+    spread: Annotated[
+        bool, typer.Option("--spread/--no-spread", help="Let initial states differ from seed to seed.")
+    ] = True,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    video: Annotated[
+        Path | None, typer.Option(metavar="V.mp4", help="Film the first seed; V.png for six moments.")
+    ] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Of the film, in pixels.")] = "1280x720",
+    plot: Annotated[Path | None, typer.Option(metavar="P.png", help="Draw all seeds over time.")] = None,
+    save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the episodes.")] = None,
+) -> None:
+    """Run a sampling controller in closed loop on a simulated plant. Exit code 1 unless every seed succeeds."""
+    if video is not None:
+        from . import gl
+        from .cuts import is_sheet, picture_size
+
+        is_sheet(video)
+        shape = picture_size(size)
+        gl.prepare()  # before MuJoCo is imported
+    if plot is not None:
+        from .figure import require_picture
+
+        require_picture(plot)
+
+    from piaffe.sampling.records import save_episodes
+
+    from .episodes import episode_values, print_episodes
+    from .sampled import load_declared
+    from .trials import complete, prepare
+
+    given: dict[str, Any] = {
+        "controller": controller, "value": value, "steps": steps, "horizon": horizon, "payload": payload,
+        "friction": friction, "latency": latency, "plant_timestep": plant_timestep, "spread": spread,
+    }  # fmt: skip
+    given |= {k: v for k, v in {"samples": samples, "temperature": temperature}.items() if v is not None}
+    given |= dict(pair(text) for text in setting or [])
+    with redirect_stdout(sys.stderr) if json else nullcontext():
+        declared = load_declared(file)
+        trial = prepare(declared, complete(declared, given, "command line"), threads)
+    chosen = range(seeds) if seed is None else [seed]
+    episodes = {}
+    try:
+        with bars() as progress:
+            overall = progress.add_task("seeds", total=len(chosen))
+            for each in chosen:
+                inner = progress.add_task(f"seed {each}", total=steps)
+                episodes[each] = trial.run(each, lambda done, _, inner=inner: progress.update(inner, completed=done))
+                progress.remove_task(inner)
+                progress.advance(overall)
+    finally:
+        trial.close()
+    values = episode_values(trial, episodes)
+    said = []
+    if save is not None:
+        about = {key: values[key] for key in ("controller", "problem", "plant", "settings")}
+        said.append(save_episodes(save, {f"seed {each}": episode for each, episode in episodes.items()}, about))
+    if plot is not None:
+        from .episode_figure import plot_episodes
+
+        said.append(plot_episodes(plot, trial, episodes))
+    if video is not None:
+        from .episode_film import film_episode
+        from .trials import TITLES
+
+        said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=TITLES[controller]))
+    if json:
+        print(as_json(values))
+    else:
+        print_episodes(terminal(), values)
+        for path in said:
+            print(f"saved {path}")
+    raise typer.Exit(0 if values["successes"] == len(chosen) else FAILED)
+
+
+def pair(text: str) -> tuple[str, Any]:
+    """Return name and value of ``NAME=VALUE``; a value that is no Python literal is text."""
+    name, equal, value = text.partition("=")
+    if not equal or not name.isidentifier():
+        raise SamplingError(f"--set: is no setting - got '{text}', expected NAME=VALUE; write --set terrain=stairs")
+    try:
+        return name, ast.literal_eval(value)
+    except (ValueError, SyntaxError):
+        return name, value
+
+
+@contextmanager
+def bars(columns: Sequence[Any] = ()) -> Iterator[Progress]:
+    """Show progress on standard error, if that is a terminal."""
+    console = Console(stderr=True)
+    shown = columns or (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*shown, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield progress
