@@ -78,33 +78,37 @@ def shapes(name: str, x0: Any, controls: Any, nx: int, nu: int) -> tuple[Array, 
     return x0, controls
 
 
-def hold_last_good(states: Array, nq: int, samples: Sequence[int] | NDArray[np.intp], stopped: Any = None) -> None:
-    """Let samples stand still from their first bad state on; x₀ itself is replaced by zeros where it is not finite.
+def may_be_bad(states: Array, nq: int) -> NDArray[np.bool_]:
+    """Return the samples to look at more closely, (n,): all with a bad state and perhaps others.
+
+    One pass over the numbers and no copy: the speeds of all steps and joints together are compared with the limit of
+    one.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        speeds = states[:, :, nq:]
+        energy = np.einsum("nsi,nsi->n", speeds, speeds)
+        place = np.einsum("nsi->n", states[:, :, :nq])
+    return np.asarray(~((energy <= MAX_SPEED**2) & np.isfinite(place)), dtype=bool)
+
+
+def hold_last_good(states: Array, nq: int, samples: Sequence[int], stopped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Let samples stand still from their first bad state on, and return which had one, (m,).
+
+    A state is bad if a number of it is not finite, a speed is beyond ``MAX_SPEED``, or the simulator had stopped.
+    Numbers of x₀ that are not finite become zeros.
 
     Args:
         states: (n, S + 1, nx), changed in place.
         nq: number of positions; what follows are speeds.
-        samples: those to look at.
-        stopped: per looked-at sample and state, whether the simulator had stopped there, (len(samples), S + 1).
+        samples: those to look at, (m,).
+        stopped: whether the simulator had stopped by then, (m, S).
     """
-    for row, i in enumerate(samples):
-        path = states[i]
-        with np.errstate(all="ignore"):
-            bad = ~(np.isfinite(path).all(axis=1) & (np.abs(path[:, nq:]).max(axis=1) <= MAX_SPEED))
-        if stopped is not None:
-            bad |= stopped[row]
-        if not bad.any():
-            continue
-        first = int(np.argmax(bad))
-        if first == 0:
-            path[0] = np.where(np.isfinite(path[0]), path[0], 0.0)
-        path[max(first, 1) :] = path[max(first, 1) - 1]
-
-
-def suspicious(states: Array, nq: int) -> NDArray[np.bool_]:
-    """Return which samples may hold a bad state: cheap, finds every non-finite number and every speed beyond bounds."""
-    with np.errstate(all="ignore"):
-        speeds = states[:, :, nq:]
-        energy = np.einsum("nsi,nsi->n", speeds, speeds)
-        place = np.einsum("nsi->n", states[:, :, :nq])
-        return np.asarray(~((energy <= MAX_SPEED**2) & np.isfinite(place)))
+    paths = states[samples]
+    with np.errstate(invalid="ignore"):
+        bad = ~(np.isfinite(paths).all(axis=2) & (np.abs(paths[:, :, nq:]).max(axis=2) <= MAX_SPEED))
+    bad[:, 1:] |= stopped
+    for i in np.flatnonzero(bad.any(axis=1)):
+        path, first = states[samples[int(i)]], max(int(np.argmax(bad[i])), 1)
+        path[0, ~np.isfinite(path[0])] = 0.0
+        path[first:] = path[first - 1]
+    return np.asarray(bad.any(axis=1))

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ModelError, SolverError
+from piaffe.errors import ModelError, SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 
-from .engine import Array, Rollouts, Simulated, hold_last_good, shapes, suspicious
+from .engine import Array, Rollouts, Simulated, hold_last_good, may_be_bad, shapes
 
 CHUNKS_PER_THREAD = 10
 
@@ -42,13 +42,13 @@ class NativeEngine:
     Args:
         model: what to simulate. A sample's control is held over the model's substeps.
         threads: number of threads, default one per available core; 0 works on the calling thread.
-        warm_start: start MuJoCo's contact solver from the last step's solution. Off is faster where the solver is
-            allowed enough iterations to converge; on is steadier where it is not.
+        warm_start: whether MuJoCo's contact solver starts from the last step's solution, as the model has it unless
+            given. A rollout's first step never does.
         chunk: samples that a thread takes at a time, default a tenth of its share.
     """
 
     def __init__(
-        self, model: Simulated, *, threads: int | None = None, warm_start: bool = False, chunk: int | None = None
+        self, model: Simulated, *, threads: int | None = None, warm_start: bool | None = None, chunk: int | None = None
     ) -> None:
         mujoco = import_mujoco()
         from mujoco.rollout import Rollout
@@ -75,10 +75,10 @@ class NativeEngine:
 
         Raises:
             ShapeError: an array has the wrong shape.
-            SolverError: the engine was closed.
+            SamplingError: the engine was closed.
         """
         if self._pool is None:
-            raise SolverError(
+            raise SamplingError(
                 "native engine: rollout after close() - got a closed engine, expected an open one; make a new one"
             )
         x0, controls = shapes("native engine", x0, controls, self.nq + self.nv, self.nu)
@@ -135,21 +135,20 @@ class NativeEngine:
 
     def _mend(self, memory: _Buffers, controls: Array) -> NDArray[np.bool_]:
         """Return the failed samples, after letting them stand still."""
-        dt = self._model.opt.timestep
-        time = memory.simulated[:, :, 0]
-        failed = suspicious(memory.states, self.nq)
+        dt, time = self._model.opt.timestep, memory.simulated[:, :, 0]
         # MuJoCo's loop stops the clock of a sample at its first warning
-        failed |= ~(time[:, -1] > (time.shape[1] - 0.5) * dt)
-        failed |= ~np.isfinite(np.einsum("nsi->n", controls))
-        samples = np.flatnonzero(failed)
-        if samples.size:
+        suspects = may_be_bad(memory.states, self.nq) | ~(time[:, -1] > (time.shape[1] - 0.5) * dt)
+        suspects |= ~np.isfinite(np.einsum("nsi->n", controls))
+        failed = np.zeros(len(controls), dtype=bool)
+        if samples := np.flatnonzero(suspects).tolist():
             due = (np.arange(1, time.shape[1] + 1) - 0.5) * dt
-            late = ~(time[samples] > due)[:, self.substeps - 1 :: self.substeps]
-            hold_last_good(memory.states, self.nq, samples, np.pad(late, ((0, 0), (1, 0))))
+            stopped = ~(time[samples] > due)[:, self.substeps - 1 :: self.substeps]
+            stopped |= ~np.isfinite(controls[samples]).all(axis=2)
+            failed[samples] = hold_last_good(memory.states, self.nq, samples, stopped)
         return failed
 
 
-def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool) -> Any:
+def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool | None) -> Any:
     """Return a copy of a compiled model that shows divergence instead of starting over.
 
     Raises:
@@ -163,9 +162,10 @@ def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool) -> Any:
         )
     model = copy.copy(compiled)
     bits = mujoco.mjtDisableBit
-    flags = model.opt.disableflags | int(bits.mjDSBL_AUTORESET)
-    warm = int(bits.mjDSBL_WARMSTART)
-    model.opt.disableflags = flags & ~warm if warm_start else flags | warm
+    model.opt.disableflags |= int(bits.mjDSBL_AUTORESET)
+    if warm_start is not None:
+        cold = int(bits.mjDSBL_WARMSTART)
+        model.opt.disableflags = model.opt.disableflags & ~cold if warm_start else model.opt.disableflags | cold
     return model
 
 

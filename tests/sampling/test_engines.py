@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from piaffe.errors import ModelError, ShapeError, SolverError
-from piaffe.sampling.engines import NativeEngine
+from piaffe.errors import ModelError, SamplingError, ShapeError
+from piaffe.sampling.engines import NativeEngine, engine_for
 from piaffe.sampling.engines.engine import MAX_SPEED
 
 from . import solo
@@ -18,7 +18,7 @@ def engine(request):
 
 
 def by_hand(model, x0, controls, substeps=1):
-    """Step one sample with ``mj_step``; no warm start."""
+    """Step one sample with ``mj_step``."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = x0[: model.nq], x0[model.nq :]
     states = [x0]
@@ -33,7 +33,6 @@ def by_hand(model, x0, controls, substeps=1):
 def test_rollouts_are_mujoco_stepped_by_hand(engine):
     simulated, controls = solo.simulated(), solo.controls(7, 5)
     model = simulated.compiled()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_WARMSTART
     rollouts = engine.rollout(solo.STANDING, controls)
     assert rollouts.failures == 0
     for states, control in zip(rollouts.states, controls, strict=True):
@@ -47,7 +46,6 @@ def test_a_control_is_held_over_substeps(threads):
     with NativeEngine(simulated, threads=threads) as engine:
         states = engine.rollout(solo.STANDING, controls).states
     model = simulated.compiled()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_WARMSTART
     for path, control in zip(states, controls, strict=True):
         assert np.array_equal(path, by_hand(model, solo.STANDING, control, substeps=4))
 
@@ -101,6 +99,7 @@ def test_a_control_that_is_not_finite_fails_its_sample_alone(engine, step, value
     assert rollouts.failures == 1
     assert np.isfinite(rollouts.states).all()
     assert np.array_equal(rollouts.states[3, : step + 1], expected[3, : step + 1])
+    assert (rollouts.states[3, step + 1 :] == expected[3, step]).all()
     assert np.array_equal(rollouts.states[~rollouts.failed], expected[~rollouts.failed])
     assert capfd.readouterr() == ("", "")
 
@@ -115,7 +114,7 @@ def test_a_diverging_sample_stands_still_at_its_last_good_state(tmp_path, monkey
     with NativeEngine(simulated) as engine:
         rollouts = engine.rollout(solo.STANDING, solo.controls(4, 40))
         assert rollouts.failed.all()
-    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     for states, control in zip(rollouts.states, solo.controls(4, 40), strict=True):
         raw = by_hand(model, solo.STANDING, control)
         with np.errstate(invalid="ignore"):
@@ -147,7 +146,24 @@ def test_a_failure_does_not_reach_the_next_rollout(engine):
     assert np.array_equal(rollouts.states, expected)
 
 
+def test_the_limit_of_speed_is_that_of_one_joint_in_one_step():
+    start = solo.STANDING.copy()
+    start[2] = 1.0
+    start[19] = 0.6 * MAX_SPEED
+    with NativeEngine(solo.simulated()) as engine:
+        rollouts = engine.rollout(start, solo.controls(3, 6))
+    assert np.sum(rollouts.states[:, :, 19:] ** 2, axis=(1, 2)).min() > MAX_SPEED**2
+    assert rollouts.failures == 0
+
+
 # ---- messages
+
+
+def test_unknown_engines_are_refused_by_name():
+    with pytest.raises(SamplingError, match="engine is unknown - got 'gpu', expected 'native' or 'mjx'"):
+        engine_for(solo.simulated(), "gpu")
+    with engine_for(solo.simulated(), "native", threads=1) as engine:
+        assert engine.threads == 1
 
 
 def test_shapes_are_checked(engine):
@@ -160,7 +176,7 @@ def test_shapes_are_checked(engine):
 def test_a_closed_engine_says_so():
     engine = NativeEngine(solo.simulated())
     engine.close()
-    with pytest.raises(SolverError, match=r"rollout after close\(\)"):
+    with pytest.raises(SamplingError, match=r"rollout after close\(\)"):
         engine.rollout(solo.STANDING, solo.controls(1, 1))
 
 
