@@ -101,9 +101,9 @@ def plain(value: Any) -> Any:
     Raises:
         SamplingError: there is something in it whose numbers cannot be told.
     """
-    if value is None or isinstance(value, bool | str):
+    if value is None or isinstance(value, bool | int | str):
         return value
-    if isinstance(value, int | float | np.number):
+    if isinstance(value, float | np.number):
         number = float(value)
         return float(f"{number:.{_DIGITS}g}") if np.isfinite(number) else str(number)
     if isinstance(value, np.ndarray) and value.size > _LARGE:
