@@ -9,6 +9,7 @@ from .constraints import base_height as base_height
 from .constraints import foot_clearance as foot_clearance
 from .constraints import friction_cone as friction_cone
 from .constraints import joint_limits as joint_limits
+from .constraints import joint_range as joint_range
 from .constraints import joint_speed_limits as joint_speed_limits
 from .constraints import torque_limits as torque_limits
 from .doctor import diagnose as diagnose

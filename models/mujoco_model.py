@@ -22,7 +22,7 @@ from .kinematics import Kinematics
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel
 from .mujoco_scene import compile_spec, mujoco_spec
 from .payload import Payload
-from .quantities import joints
+from .quantities import feet, joints
 from .recursions import Recursion
 from .robot import Robot, require_robot
 from .soft_contact import SoftContact
@@ -30,6 +30,12 @@ from .terrain import Flat, Terrain
 from .tree import Tree
 
 Array = NDArray[np.float64]
+
+ABSENT = {
+    quantity.path: f"there is no {what} before the simulator's step; leave the term out with .without(...)"
+    for quantity, what in ((feet.force, "contact force"), (joints.acceleration, "acceleration"))
+}
+"""Why the simulator cannot supply what the whole body can."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +151,7 @@ class Mujoco(LeggedModel):
         if self.action.quantity == joints.target:
             make.supply(joints.target, names, lambda: u)
         make.supply(joints.torque, names, lambda: self.action.torque(u, x[7:nq], motion.v[6:]))
-        return Dynamics(cs.SX(0, 1), cs.SX(0, 1), Quantities(self.name, make))
+        return Dynamics(cs.SX(0, 1), cs.SX(0, 1), Quantities(self.name, make, ABSENT))
 
     def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
         """Return the control that holds the joints where the path has them, within the action's range."""

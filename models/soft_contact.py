@@ -16,11 +16,12 @@ Integrator = Literal["euler", "implicitfast"]
 
 @dataclass(frozen=True, kw_only=True)
 class SoftContact:
-    """Options of MuJoCo's contacts; the default is what planners simulate thousands of times per step.
+    """Options of MuJoCo's contacts; the default is for planners, which simulate thousands of steps per decision.
 
     Args:
         solref: time constant [s] and damping ratio of a contact; MuJoCo raises the first to two time steps.
         solimp: impedance of a contact: at the surface, deep below it, over which depth [m], midpoint and power.
+        stick: how much harder friction is than the normal force (MuJoCo's ``impratio``); soft friction creeps.
         cone: friction cone, its pyramid or the exact one.
         solver: of the contact forces.
         iterations: of the solver at most.
@@ -32,9 +33,10 @@ class SoftContact:
 
     solref: tuple[float, float] = (0.02, 1.0)
     solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
-    cone: Cone = "pyramidal"
-    solver: Solver = "newton"
-    iterations: int = 1
+    stick: float = 3.0
+    cone: Cone = "elliptic"
+    solver: Solver = "pgs"
+    iterations: int = 4
     line_search: int = 5
     integrator: Integrator = "euler"
     warm_start: bool = True
@@ -54,9 +56,8 @@ class SoftContact:
     @staticmethod
     def accurate(**changes: Any) -> SoftContact:
         """Return options that solve each step to convergence, for a plant."""
-        return SoftContact(
-            **{"cone": "elliptic", "iterations": 100, "line_search": 50, "integrator": "implicitfast", **changes}
-        )
+        converged = {"stick": 10.0, "solver": "newton", "iterations": 100, "line_search": 50}
+        return SoftContact(**{**converged, "integrator": "implicitfast", **changes})
 
     def apply_to(self, spec: Any) -> None:
         """Set the options of a ``mujoco.MjSpec``; what no scene of a robot has is switched off."""
@@ -65,6 +66,7 @@ class SoftContact:
         option.cone = getattr(mujoco.mjtCone, f"mjCONE_{self.cone.upper()}")
         option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{self.solver.upper()}")
         option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
+        option.impratio = self.stick
         option.iterations, option.ls_iterations = self.iterations, self.line_search
         flags = (
             off.mjDSBL_EQUALITY, off.mjDSBL_FRICTIONLOSS, off.mjDSBL_SPRING, off.mjDSBL_DAMPER, off.mjDSBL_EULERDAMP,
