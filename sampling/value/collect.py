@@ -56,7 +56,15 @@ class CollectOptions:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        least = {"shards": 1, "explore_steps": 1, "episodes": 1, "episode_steps": 1, "horizon": 2, "nearest": 1, "seed": 0}
+        least = {
+            "shards": 1,
+            "explore_steps": 1,
+            "episodes": 1,
+            "episode_steps": 1,
+            "horizon": 2,
+            "nearest": 1,
+            "seed": 0,
+        }
         for name, smallest in least.items():
             if not (isinstance(getattr(self, name), int) and getattr(self, name) >= smallest):
                 raise SamplingError(
@@ -249,7 +257,9 @@ def _explore(actors: Actors, options: CollectOptions, rng: np.random.Generator) 
 
 def _follow(actors: Actors, options: CollectOptions, start: Array, first: int, seed: int) -> dict[str, Any]:
     """Return an episode from a state."""
-    states, actions, peaks = [start], [], []
+    states: list[Array] = [start]
+    actions: list[Array] = []
+    peaks: list[Array] = []
     actors.follow.reset(seed)
     fell = False
     while len(actions) < options.episode_steps and not fell:

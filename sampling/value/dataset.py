@@ -61,7 +61,7 @@ class Records:
         Args:
             floor: least value, as in the planner.
         """
-        return np.maximum(self.peaks.mean(axis=0), floor)
+        return np.asarray(np.maximum(self.peaks.mean(axis=0), floor))
 
     def transitions(
         self, inputs: Callable[[Array, int], Array], constraints: tuple[str, ...], reward: Reward, options: Options

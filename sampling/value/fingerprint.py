@@ -256,9 +256,7 @@ class _Probes:
             )
         evaluate = cs.Function("probe", [*(b.value for b in bound), *map(cs.SX, adopted.values())], [rows])
         numbers = [self.nodes.problem.parameters.get(label, p.value) for label, p in adopted.items()]
-        return [
-            plain(np.array(evaluate(*(_point(b, i) for b in bound), *numbers)).ravel()) for i in range(_PROBES)
-        ]
+        return [plain(np.array(evaluate(*(_point(b, i) for b in bound), *numbers)).ravel()) for i in range(_PROBES)]
 
 
 def _point(bound: Bound, probe: int) -> Array:

@@ -121,7 +121,7 @@ def _targets(graph: Any, discount: jax.Array, parameters: Any, rows: dict[str, j
     return discount * (1.0 - rows["delta"]) * (rows["rewards"] + following)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2), donate_argnums=4)
+@partial(jax.jit, static_argnums=(0, 1, 2), donate_argnums=4)  # type: ignore[untyped-decorator]  # not followed
 def _epoch(
     graph: Any,
     batch: int,
@@ -152,7 +152,7 @@ def _epoch(
     return state, jnp.mean(losses)
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=0)  # type: ignore[untyped-decorator]  # not followed
 def _evaluate(
     graph: Any, discount: jax.Array, parameters: Any, data: dict[str, jax.Array]
 ) -> tuple[jax.Array, jax.Array, jax.Array]:

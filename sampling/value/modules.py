@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .network import EPSILON, HIDDEN, Layer, Network, Single
 
 
-class Hidden(nnx.Module):
+class Hidden(nnx.Module):  # type: ignore[misc]  # Flax is not followed
     """Dense → ELU → LayerNorm."""
 
     def __init__(self, inputs: int, outputs: int, *, rngs: nnx.Rngs) -> None:
@@ -26,7 +26,7 @@ class Hidden(nnx.Module):
         return self.norm(nnx.elu(self.dense(x)))
 
 
-class ValueModule(nnx.Module):
+class ValueModule(nnx.Module):  # type: ignore[misc]  # Flax is not followed
     """The value of normalised inputs: hidden layers and one output that softplus keeps from being negative."""
 
     def __init__(self, inputs: int, hidden: tuple[int, ...] = HIDDEN, *, rngs: nnx.Rngs) -> None:
@@ -39,7 +39,7 @@ class ValueModule(nnx.Module):
         """Return the values of inputs (n, m), (n,)."""
         for i in range(self.count):
             x = getattr(self, f"hidden{i}")(x)
-        return jnp.asarray(nnx.softplus(self.head(x)[..., 0]))
+        return nnx.softplus(self.head(x)[..., 0])
 
 
 def to_network(module: ValueModule, mean: NDArray[Any], std: NDArray[Any]) -> Network:
@@ -77,11 +77,11 @@ def compiled(network: Network) -> Callable[[Any], jax.Array]:
     graph, parameters = nnx.split(to_module(network))
     mean, std = jnp.asarray(network.mean), jnp.asarray(network.std)
 
-    @jax.jit
     def value(inputs: jax.Array) -> jax.Array:
-        return jnp.asarray(nnx.merge(graph, parameters)((inputs - mean) / std))
+        return nnx.merge(graph, parameters)((inputs - mean) / std)
 
-    return value
+    jitted: Callable[[Any], jax.Array] = jax.jit(value)
+    return jitted
 
 
 def _single(values: Any) -> Single:

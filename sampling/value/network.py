@@ -147,4 +147,4 @@ class _Folded:
             inverse = (1.0 / np.sqrt(np.maximum(variance, 0.0) + np.float32(EPSILON)))[:, None]
             y = z
         last = (y @ self.kernels[-1]) * inverse + self.biases[-1]
-        return np.logaddexp(np.float32(0.0), last[:, 0])
+        return np.asarray(np.logaddexp(np.float32(0.0), last[:, 0]))

@@ -99,7 +99,7 @@ def test_curves_have_a_point_per_interval_and_end_well_on_held_out_episodes() ->
     rewards = np.random.default_rng(3).uniform(size=(30, 1))
     fields = vars(chain(rewards, fall=True))
     known = np.column_stack([fields["rewards"], np.tile(np.arange(20) / 20, 30), np.zeros(600)])
-    transitions = Transitions(**{**fields, "inputs": known, "next_inputs": known + [0, 1 / 20, 0]})
+    transitions = Transitions(**{**fields, "inputs": known, "next_inputs": known + np.array([0, 1 / 20, 0])})
     options = LearnOptions(**{**vars(SMALL), "held_out": 0.2, "updates": 4200})
     points = []
     learned = learn(transitions, options, listener=lambda done, total, _: points.append((done, total)))
