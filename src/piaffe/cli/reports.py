@@ -26,6 +26,11 @@ def terminal(*, stderr: bool = False) -> Console:
     return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=_LOG_WIDTH)
 
 
+def plain(text: str) -> str:
+    """Return text in which brackets are no markup."""
+    return text.replace("[", r"\[")
+
+
 def as_json(values: dict[str, Any]) -> str:
     """Return an object as one line of JSON; numbers that are not finite become null."""
 

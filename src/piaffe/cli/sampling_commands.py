@@ -1,8 +1,9 @@
-"""The commands that sample: ``piaffe mppi`` runs a controller in closed loop."""
+"""The commands that sample: ``piaffe mppi`` runs a controller in closed loop, ``piaffe study`` many of them."""
 
 from __future__ import annotations
 
 import ast
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
@@ -15,9 +16,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from piaffe.errors import SamplingError
 
-from .reports import as_json, terminal
+from .reports import as_json, plain, terminal
 
 FAILED = 1
+STALE = ("refuse", "keep", "redo")
 
 SampledFile = Annotated[
     str,
@@ -124,6 +126,76 @@ def mppi(
         for path in said:
             print(f"saved {path}")
     raise typer.Exit(0 if values["successes"] == len(chosen) else FAILED)
+
+
+def study(
+    file: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="What to run in which combinations.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the results; STUDY beside STUDY.toml by default.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Episodes at a time; one per core by default.")] = None,
+    executor: Annotated[str, typer.Option(metavar="KIND", help="process, or dask:ADDRESS of a scheduler.")] = "process",
+    stale: Annotated[
+        str, typer.Option(help="Episodes made from other code or another value: refuse, keep or redo.")
+    ] = "refuse",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check the study, say what would be run, and end.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Run a grid of controllers and settings over seeds, continue where it was left, and draw what came of it.
+
+    Every episode is kept when it is done. Exit code 1 if some could not be run.
+    """
+    from piaffe.sampling.study import Study, require_pyarrow, write_parquet
+
+    from .study_figures import draw_study
+    from .study_file import read_study
+    from .study_tables import cells, print_cells, write_tables
+    from .workers import FileTask, executor_of
+
+    require_pyarrow()
+    if stale not in STALE:
+        raise SamplingError(f"--stale: is unknown - got '{stale}', expected one of {list(STALE)}; choose one")
+    declared = read_study(file)
+    folder = out or file.with_suffix("")
+    whole = Study(declared.cases, folder)
+    missing = whole.missing(stale)  # type: ignore[arg-type]  # checked above
+    console = terminal(stderr=json)
+    console.print(f"{len(declared.cases)} episodes, {len(missing)} of them to run; results in {folder}", soft_wrap=True)
+    if dry_run:
+        raise typer.Exit(0)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = workers or cores
+    threads = max(1, cores // count)
+    failures = {}
+    if missing:
+        with executor_of(executor, count, threads) as pool, bars() as progress:
+            bar = progress.add_task("episodes", total=len(missing))
+            failures = whole.run(
+                FileTask(declared.spec, str(file.parent), threads), pool, stale=stale,  # type: ignore[arg-type]  # checked above
+                heard=lambda case, error: progress.advance(bar),
+            )  # fmt: skip
+    rows = whole.rows()
+    saved = []
+    if rows:
+        saved = [write_parquet(folder / "episodes.parquet", rows), *write_tables(folder, rows)]
+        saved += draw_study(folder, whole, declared, rows)
+    for case, error in failures.items():
+        terminal(stderr=True).print(
+            f"[bold red]failed:[/] {case.label}, seed {case.seed}: {plain(str(error))}", soft_wrap=True
+        )
+    if json:
+        print(as_json({
+            "episodes": len(declared.cases), "done": len(rows), "failed": len(failures),
+            "cells": cells(rows) if rows else [], "files": [str(path) for path in saved],
+        }))  # fmt: skip
+    else:
+        if rows:
+            print_cells(console, rows)
+        for path in saved:
+            print(f"saved {path}")
+    raise typer.Exit(FAILED if failures else 0)
 
 
 def pair(text: str) -> tuple[str, Any]:
