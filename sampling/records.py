@@ -56,19 +56,18 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]
             header = json.loads(str(content["header"]))
             if header["format"] != FORMAT:
                 raise ValueError(header["format"])
-            episodes = {
-                name: Episode(
-                    **{key: np.asarray(content[f"{name}/{key}"], dtype=float) for key in _ARRAYS},
-                    **{**rest, "constraints": tuple(rest["constraints"])},
-                )
-                for name, rest in header["episodes"].items()
-            }
+            episodes = {name: _episode(content, name, rest) for name, rest in header["episodes"].items()}
     except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
         raise FileFormatError(
             f"file '{path}': holds no episodes that can be read - got {type(error).__name__}: {error}, expected "
             f"'{FORMAT}'; make it anew with `piaffe mppi --save` or `piaffe study`"
         ) from error
     return episodes, header["about"]
+
+
+def _episode(content: Mapping[str, Any], name: str, rest: Mapping[str, Any]) -> Episode:
+    arrays: dict[str, Any] = {key: np.asarray(content[f"{name}/{key}"], dtype=float) for key in _ARRAYS}
+    return Episode(**arrays, **{**rest, "constraints": tuple(rest["constraints"])})
 
 
 def write_whole(path: Path, content: bytes) -> Path:

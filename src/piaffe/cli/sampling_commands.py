@@ -5,14 +5,14 @@ from __future__ import annotations
 import ast
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from piaffe.errors import SamplingError
 
@@ -100,7 +100,7 @@ def mppi(
             overall = progress.add_task("seeds", total=len(chosen))
             for each in chosen:
                 inner = progress.add_task(f"seed {each}", total=steps)
-                episodes[each] = trial.run(each, lambda done, _, inner=inner: progress.update(inner, completed=done))
+                episodes[each] = trial.run(each, _advance(progress, inner))
                 progress.remove_task(inner)
                 progress.advance(overall)
     finally:
@@ -126,6 +126,11 @@ def mppi(
         for path in said:
             print(f"saved {path}")
     raise typer.Exit(0 if values["successes"] == len(chosen) else FAILED)
+
+
+def _advance(progress: Progress, bar: TaskID) -> Callable[[int, int], None]:
+    """Return what an episode calls after every step."""
+    return lambda done, steps: progress.update(bar, completed=done)
 
 
 def study(
