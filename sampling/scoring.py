@@ -86,7 +86,7 @@ def _scored(function: cs.Function) -> cs.Function:
         cs.SX.sym(name, rows.numel()) for name, rows in (("weight", residual), ("g_mask", g), ("h_mask", h))
     )
     cost = 0.5 * cs.sum1(weight * residual**2) if residual.numel() else cs.SX(0.0)
-    violation = cs.vertcat(cs.fmax(-g, 0) * g_mask, cs.fabs(h) * h_mask)
+    violation = cs.vertcat(cs.fmax(-g, 0) * g_mask, cs.fmax(cs.fabs(h), 0) * h_mask)
     inputs |= {"weight": weight, "g_mask": g_mask, "h_mask": h_mask}
     return cs.Function(
         function.name(),

@@ -196,6 +196,13 @@ def _operations(xp: Any, erf: Operation) -> Mapping[int, Operation]:
     def truth(condition: Any) -> Any:
         return xp.where(condition, 1.0, 0.0)
 
+    def remainder(a: Any, b: Any) -> Any:
+        """Return a − n b for the integer n nearest to a / b, the even one of two; without rounding."""
+        b = xp.fabs(b)
+        r = xp.fmod(xp.fabs(a), b + b)
+        near = xp.where(r + r > b, r - b, r)
+        return xp.copysign(1.0, a) * xp.where((r + r > b) & (near + near >= b), near - b, near)
+
     table: dict[str, Operation] = {name: getattr(xp, name) for name in _SAME.split()}
     table |= {name: getattr(xp, other) for name, other in _RENAMED.items()}
     table |= {
@@ -208,7 +215,7 @@ def _operations(xp: Any, erf: Operation) -> Mapping[int, Operation]:
         "twice": lambda a: a + a,
         "inv": lambda a: 1.0 / a,
         "erf": erf,
-        "remainder": lambda a, b: a - b * xp.rint(a / b),
+        "remainder": remainder,
         "lt": lambda a, b: truth(a < b),
         "le": lambda a, b: truth(a <= b),
         "eq": lambda a, b: truth(a == b),
