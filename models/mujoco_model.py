@@ -70,7 +70,7 @@ class Mujoco(LeggedModel):
             h, so that no step makes the PD law overshoot.
         payload: a mass on the base, see :func:`~piaffe.models.payload`.
         friction: sliding friction coefficient of the robot's surface.
-        body_collisions: let base and legs touch the ground, not the feet alone, so that a fallen robot does not sink.
+        body_collisions: let base and knees touch the ground, not the feet alone, so that a fallen robot does not sink.
         name: name of the model.
     """
 

@@ -62,7 +62,7 @@ def mujoco_spec(
         terrain: the ground; level at z = 0 by default.
         action: what the actuators' controls are; torques by default.
         surface: options of the robot's geoms in place of ``friction``.
-        hull: let a box for the base and capsules for the legs touch the ground, too.
+        hull: let a box for the base and balls at the knees touch the ground, too.
     """
     mujoco = import_mujoco()
     spec = mujoco.MjSpec()
