@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from types import TracebackType
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,16 +53,32 @@ class Simulated(Protocol):
         ...
 
 
-class Engine(Protocol):
-    """Simulates many control sequences from one state, or from one state each."""
+class Engine(ABC):
+    """Simulates many control sequences from one state, or from one state each; a context that closes it."""
 
+    @abstractmethod
     def rollout(self, x0: Array, controls: Array) -> Rollouts:
-        """Simulate control sequences of shape (n, S, nu) from a state, (nx,), or from one each, (n, nx)."""
-        ...
+        """Simulate control sequences.
 
+        Args:
+            x0: initial state, (nx,), or one per sample, (n, nx).
+            controls: (n, S, nu).
+
+        Raises:
+            ShapeError: an array has the wrong shape.
+        """
+
+    @abstractmethod
     def close(self) -> None:
-        """Release threads and device memory; the engine cannot be used afterwards."""
-        ...
+        """Release threads and memory; the engine cannot be used afterwards."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 def shapes(name: str, x0: Any, controls: Any, nx: int, nu: int) -> tuple[Array, Array]:

@@ -13,14 +13,14 @@ from piaffe.errors import SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 
 from ..translate import import_jax
-from .engine import MAX_SPEED, Array, Rollouts, Simulated, shapes
+from .engine import MAX_SPEED, Array, Engine, Rollouts, Simulated, shapes
 from .mjx_model import import_mjx, on_device
 from .native import own_copy
 
 Precision = Literal["single", "double"]
 
 
-class MjxEngine:
+class MjxEngine(Engine):
     """Simulates all samples at once, by MuJoCo XLA under ``jit`` and ``vmap``.
 
     The first rollout of a size compiles for it, which takes half a minute; ``jax_compilation_cache_dir`` keeps what

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 
-from .engine import Array, Rollouts, Simulated, hold_last_good, may_be_bad, shapes
+from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes
 
 CHUNKS_PER_THREAD = 10
 
@@ -33,7 +32,7 @@ class _Buffers:
     states: Array  # (n, S + 1, nx)
 
 
-class NativeEngine:
+class NativeEngine(Engine):
     """Simulates samples side by side in threads, by ``mujoco.rollout``.
 
     Memory is kept per size of rollout: a second call of the same size allocates nothing. The GIL is released while
@@ -53,7 +52,7 @@ class NativeEngine:
         mujoco = import_mujoco()
         from mujoco.rollout import Rollout
 
-        self.threads = len(os.sched_getaffinity(0)) if threads is None else int(threads)
+        self.threads = _cores() if threads is None else threads
         self.substeps = model.substeps
         self._chunk = chunk
         self._mujoco = mujoco
@@ -112,14 +111,6 @@ class NativeEngine:
         self._pool = None
         self._buffers.clear()
 
-    def __enter__(self) -> NativeEngine:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
     def _memory(self, n: int, steps: int) -> _Buffers:
         if (n, steps) not in self._buffers:
             nx, total = self.nq + self.nv, steps * self.substeps
@@ -177,8 +168,13 @@ def quiet(mujoco: Any) -> Iterator[None]:
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(before)
+        # of two rollouts at once the later began when this was ignored already
+        mujoco.set_mju_user_warning(None if before is _ignore else before)
 
 
 def _ignore(message: str) -> None:
     """Drop a message."""
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

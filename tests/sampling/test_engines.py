@@ -137,6 +137,21 @@ def test_divergence_leaves_no_log_file_and_no_message(tmp_path, monkeypatch, cap
     assert capfd.readouterr() == ("", "")
 
 
+def test_another_users_warnings_come_back_after_a_rollout():
+    heard = []
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        with NativeEngine(solo.simulated()) as engine:
+            assert engine.rollout(np.full(37, np.nan), solo.controls(3, 4)).failures == 3
+        assert heard == []
+        data = mujoco.MjData(solo.simulated().compiled())
+        data.qpos[0] = np.nan
+        mujoco.mj_step(solo.simulated().compiled(), data)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(heard) == 1
+
+
 def test_a_failure_does_not_reach_the_next_rollout(engine):
     controls = solo.controls(4, 5)
     expected = engine.rollout(solo.STANDING, controls).states.copy()
