@@ -52,7 +52,7 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]
         FileFormatError: the file is foreign, truncated or of a newer version.
     """
     try:
-        with np.load(path, allow_pickle=False) as content:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as content:
             header = json.loads(str(content["header"]))
             if header["format"] != FORMAT:
                 raise ValueError(header["format"])

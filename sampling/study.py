@@ -59,7 +59,7 @@ def grid(blocks: Iterable[Mapping[str, Any]], defaults: Mapping[str, Any] | None
     """
     found: dict[str, dict[str, Any]] = {}
     for block in blocks:
-        own = {**(defaults or {}), **block}
+        own = {**{name: value for name, value in (defaults or {}).items() if name not in block}, **block}
         for values in product(*(value if isinstance(value, list) else [value] for value in own.values())):
             settings = dict(zip(own, values, strict=True))
             found.setdefault(json.dumps(settings, sort_keys=True), settings)

@@ -21,7 +21,7 @@ _MISSED = "missed_percent."
 AXES = ("terrain", "horizon", "samples", "temperature", "value")
 """Settings in the order in which tables and figures name them; others that vary follow."""
 
-_TOLD = ("controller", "value")
+_ALWAYS = ("terrain", "horizon", "samples")
 _FIXED = frozenset({"label", "cell", "seed", "threads"})
 
 
@@ -37,9 +37,9 @@ def varied(rows: Sequence[Row]) -> list[str]:
     """Return the settings that differ between rows of a study; not those that the label tells already."""
     names = dict.fromkeys(name for row in rows for name in _settings(row))
     settings = [name for name in names if len({str(row.get(name)) for row in rows}) > 1]
-    labelled = {name: len({(row["label"], str(row.get(name))) for row in rows}) for name in _TOLD}
     labels = len({row["label"] for row in rows})
-    settings = [name for name in settings if labelled.get(name) != labels]
+    pairs = {name: len({(row["label"], str(row.get(name))) for row in rows}) for name in settings}
+    settings = [name for name in settings if name in _ALWAYS or pairs[name] > labels]
     return sorted(settings, key=lambda name: AXES.index(name) if name in AXES else len(AXES))
 
 

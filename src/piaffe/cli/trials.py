@@ -89,9 +89,10 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
         SamplingError: a setting is out of range.
         FileFormatError: the value's file is not there.
     """
+    known = known_settings(declared)
     for name in given:
-        if name not in known_settings(declared):
-            raise UnknownNameError(where, "setting", name, known_settings(declared))
+        if name not in known:
+            raise UnknownNameError(where, "setting", name, known)
     settings = {**RUN, **given}
     kind = settings["controller"]
     if kind not in CONTROLLERS:
