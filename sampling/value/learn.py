@@ -77,8 +77,7 @@ def learn(
     try:
         while (done := int(curves[-1]["update"]) if curves else 0) < options.updates:
             count = min(options.record_every, options.updates - done)
-            key = jax.random.fold_in(jax.random.key(options.seed), done)
-            state, loss = _epoch(graph, options.batch, count, rates, state, data, key)
+            state, loss = _run(graph, options.batch, options.seed, rates, done, done + count, state, data)
             point = {"update": done + count, "loss": float(loss)}
             point |= _measure(graph, rates["discount"], state["online"], data, held_out, test)
             curves.append(point)
@@ -121,38 +120,40 @@ def _targets(graph: Any, discount: jax.Array, parameters: Any, rows: dict[str, j
     return discount * (1.0 - rows["delta"]) * (rows["rewards"] + following)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2), donate_argnums=4)  # type: ignore[untyped-decorator]  # not followed
-def _epoch(
+@partial(jax.jit, static_argnums=(0, 1), donate_argnums=6)
+def _run(
     graph: Any,
     batch: int,
-    count: int,
+    seed: int,
     rates: dict[str, jax.Array],
+    first: int,
+    last: int,
     state: dict[str, Any],
     data: dict[str, jax.Array],
-    key: jax.Array,
 ) -> tuple[dict[str, Any], jax.Array]:
-    """Return the state after ``count`` minibatches, and their mean loss."""
+    """Return the state after minibatches ``first`` to ``last - 1``, and their mean loss."""
     optimiser = optax.adam(rates["learning_rate"])
     total = data["rewards"].shape[0]
 
     def loss_of(online: Any, rows: dict[str, jax.Array], targets: jax.Array) -> jax.Array:
         return jnp.mean((nnx.merge(graph, online)(rows["inputs"]) - targets) ** 2)
 
-    def update(state: dict[str, Any], key: jax.Array) -> tuple[dict[str, Any], jax.Array]:
-        chosen = jax.random.randint(key, (batch,), 0, total)
+    def update(number: jax.Array, carried: tuple[dict[str, Any], jax.Array]) -> tuple[dict[str, Any], jax.Array]:
+        state, losses = carried
+        chosen = jax.random.randint(jax.random.fold_in(jax.random.key(seed), number), (batch,), 0, total)
         rows = {name: values[chosen] for name, values in data.items()}
         targets = _targets(graph, rates["discount"], state["target"], rows)
         loss, gradient = jax.value_and_grad(loss_of)(state["online"], rows, targets)
         changes, moments = optimiser.update(gradient, state["optimiser"])
         online = optax.apply_updates(state["online"], changes)
         target = optax.incremental_update(online, state["target"], rates["target_rate"])
-        return {"online": online, "target": target, "optimiser": moments}, loss
+        return {"online": online, "target": target, "optimiser": moments}, losses + loss
 
-    state, losses = jax.lax.scan(update, state, jax.random.split(key, count))
-    return state, jnp.mean(losses)
+    state, losses = jax.lax.fori_loop(first, last, update, (state, jnp.float32(0.0)))
+    return state, losses / (last - first)
 
 
-@partial(jax.jit, static_argnums=0)  # type: ignore[untyped-decorator]  # not followed
+@partial(jax.jit, static_argnums=0)
 def _evaluate(
     graph: Any, discount: jax.Array, parameters: Any, data: dict[str, jax.Array]
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
