@@ -20,6 +20,11 @@ from .robot import Robot
 
 Array = NDArray[np.float64]
 
+STRETCH = 0.675
+"""How far from its target a joint is when the default stiffness takes all of its torque [rad]."""
+SETTLING = 0.05
+"""The default damping over the stiffness [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class BoundAction:
@@ -93,12 +98,10 @@ class JointTargets(Action):
 
     def bind(self, robot: Robot) -> BoundAction:
         """Return the action of a robot."""
-        kp, kd, half = (
-            per_joint(robot, f"joint_targets, {name}", value, at_least)
-            for name, value, at_least in (
-                ("kp", self.kp, 0.0), ("kd", self.kd, 0.0), ("half_range", self.half_range, 0.0),
-            )
-        )  # fmt: skip
+        wanted = robot.torque_limit / STRETCH if self.kp is None else self.kp
+        kp = per_joint(robot, "joint_targets, kp", wanted)
+        kd = per_joint(robot, "joint_targets, kd", SETTLING * kp if self.kd is None else self.kd)
+        half = per_joint(robot, "joint_targets, half_range", self.half_range)
         return BoundAction(joints.target, robot.pose(self.centre), half, kp, kd)
 
 
@@ -116,15 +119,15 @@ class Torques(Action):
         return BoundAction(joints.torque, np.zeros(robot.num_joints), half, *np.zeros((2, robot.num_joints)))
 
 
-def joint_targets(kp: Any = 4.0, kd: Any = 0.2, *, centre: object = "stand", half_range: Any = 0.4) -> JointTargets:
+def joint_targets(kp: Any = None, kd: Any = None, *, centre: object = "stand", half_range: Any = 0.4) -> JointTargets:
     """Return the action of setting joint angles, which a PD law follows at every step of the simulator.
 
     The torque is kp (target − q) − kd q̇, within the robot's limits. Numbers are one for all joints, one per joint, or
     a mapping from labels, ``{"HAA": 0.3, "HFE": 0.4}``, that names every joint.
 
     Args:
-        kp: stiffness [Nm/rad].
-        kd: damping [Nm s/rad].
+        kp: stiffness; by default the torque limit over 0.675 rad, which is 4 for Solo12 [Nm/rad].
+        kd: damping; by default 0.05 s times the stiffness [Nm s/rad].
         centre: middle of the targets' range: a pose's name, n numbers or a mapping from labels [rad].
         half_range: half of it [rad]; samplers draw targets within the range.
     """
@@ -141,11 +144,11 @@ def torques(half_range: Any = None) -> Torques:
     return Torques(half_range)
 
 
-def per_joint(robot: Robot, where: str, value: Any, at_least: float = 0.0) -> Array:
+def per_joint(robot: Robot, where: str, value: Any) -> Array:
     """Return one number per joint, (n,), from a number, n numbers, or a mapping from labels that names every joint.
 
     Raises:
-        ModelError: a number is missing, not finite or below ``at_least``.
+        ModelError: a number is missing, not finite or negative.
     """
     numbers: Array = np.full(robot.num_joints, np.nan)
     if isinstance(value, Mapping):
@@ -155,10 +158,10 @@ def per_joint(robot: Robot, where: str, value: Any, at_least: float = 0.0) -> Ar
         with suppress(TypeError, ValueError):
             numbers[:] = np.asarray(value, dtype=float)
     for name, number in zip(robot.joint_names, numbers, strict=True):
-        if not (np.isfinite(number) and number >= at_least):
+        if not (np.isfinite(number) and number >= 0):
             raise ModelError(
                 f"{where} of '{robot.name}': no number for joint '{name}' - got {value!r}, expected one number, "
-                f"{robot.num_joints} numbers or a mapping from labels that names every joint, each finite and ≥ "
-                f"{at_least:g}; mend it"
+                f"{robot.num_joints} numbers or a mapping from labels that names every joint, each finite and ≥ 0; "
+                "mend it"
             )
     return numbers

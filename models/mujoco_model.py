@@ -111,6 +111,7 @@ class Mujoco(LeggedModel):
             control,
             slots=slots,
             cut_by_modes=False,
+            terrain=self.terrain,
         )
         self.tree = Tree.from_pinocchio(loaded.model)
         self._points = frame_points(robot)

@@ -158,6 +158,13 @@ def test_ranges_of_actions():
     assert models.Mujoco(ROBOT, action=models.torques(1.0)).control.labels[0] == "joints.torque FL_HAA"
 
 
+def test_default_gains_are_in_proportion_to_the_torque_limits():
+    solo, go2 = (models.joint_targets().bind(robot) for robot in (ROBOT, models.load("go2")))
+    assert solo.kp == pytest.approx(4.0)
+    assert solo.kd == pytest.approx(0.2)
+    assert go2.kp == pytest.approx(models.load("go2").torque_limit / 0.675)
+
+
 def test_numbers_of_an_action_that_leave_joints_out():
     with pytest.raises(ModelError, match="joint_targets, half_range of 'solo12': no number for joint 'FL_KFE' - got"):
         models.Mujoco(ROBOT, action=models.joint_targets(half_range={"HAA": 0.3, "HFE": 0.4}))
@@ -308,6 +315,15 @@ def test_it_stands_on_its_terrain(ground):
     assert not plant.fallen(after)
     gaps = evaluate(plant, feet.height, after, np.zeros(12))[0]
     assert np.abs(gaps).max() < 0.01  # of a foot: contacts are soft
+
+
+def test_states_are_placed_on_the_terrain():
+    plant = models.Mujoco(ROBOT, terrain=terrain.stairs(0.05, 0.25))
+    assert plant.state()[:3] == pytest.approx(BODY.state()[:3])
+    x = plant.state(position=(1.5, 0.1), rpy=(0, 0.1, 1.0), joints="crouch")
+    assert x[:2] == pytest.approx([1.5, 0.1])
+    assert evaluate(plant, feet.height, x, np.zeros(12))[0].min() == pytest.approx(0.0, abs=1e-12)
+    assert BODY.state(position=(1.5, 0.1), rpy=(0, 0.1, 1.0), joints="crouch")[2] == pytest.approx(x[2] - 0.15)
 
 
 def test_a_fallen_robot_sinks_unless_its_body_collides():
