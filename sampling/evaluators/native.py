@@ -26,6 +26,8 @@ _TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(enco
 )}  # fmt: skip
 _ALIGNMENT = 64  # bytes: of the widest vectors
 _DOUBLE = 8  # bytes
+_SHARE = 64  # blocks of lanes that are worth a thread: some ten microseconds of work
+_KEPT = 8  # results, of as many numbers of samples and steps
 
 
 class _Input(ct.Structure):
@@ -120,22 +122,24 @@ class NativeKernel(Kernel):
                 ct.c_long(steps), ct.c_long(first), ct.c_long(last), ct.c_void_p(self._memory[thread].ctypes.data),
             )  # fmt: skip
 
-        own, *others = self._parts(n)
+        own, *others = self._parts(n, steps)
         started = [self._pool.submit(run, part) for part in others] if self._pool is not None else []
         run(own)
         for each_started in started:
             each_started.result()
         return results
 
-    def _parts(self, n: int) -> list[tuple[int, int, int]]:
+    def _parts(self, n: int, steps: int) -> list[tuple[int, int, int]]:
         """Return thread, first and last sample of each thread's share: whole blocks but for the last."""
         blocks = -(-n // self._width)
-        threads = max(1, min(self._threads, blocks))
+        threads = max(1, min(self._threads, blocks, blocks * steps // _SHARE))
         ends = [min(n, self._width * round(blocks * i / threads)) for i in range(threads + 1)]
         return [(i, ends[i], ends[i + 1]) for i in range(threads)]
 
     def _results_for(self, n: int, steps: int) -> tuple[list[Array], ct.Array[_Output]]:
         if (n, steps) not in self._results:
+            if len(self._results) == _KEPT:
+                self._results.pop(next(iter(self._results)))
             results, out = [], (_Output * len(self.sizes))()
             for each, size in zip(out, self.sizes, strict=True):
                 if self.by_row:

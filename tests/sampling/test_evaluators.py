@@ -156,8 +156,21 @@ def test_native_results_are_kept_and_overwritten():
     assert other.shape == (40, STEPS)
 
 
+def test_results_of_many_sizes_are_not_all_kept():
+    own = evaluator(mode(), "native")
+    first, _ = own.stage(**arguments(11))
+    before = first.copy()
+    for samples in range(20, 40):
+        own.stage(**arguments(samples))
+    again, _ = own.stage(**(arguments(11) | {"controls": np.zeros((11, STEPS, 1))}))
+    assert not np.shares_memory(again, first)
+    np.testing.assert_array_equal(first, before)
+
+
 def test_threads_do_not_change_a_number():
-    results = [evaluator(mode(), "native", threads=threads).stage(**arguments(40)) for threads in (1, 2, 5, 64)]
+    given = arguments(3003)  # a share of some threads ends in a block that is not full
+    results = [evaluator(mode(), "native", threads=threads).stage(**given) for threads in (1, 2, 5, 64)]
+    np.testing.assert_allclose(results[0][0], by_hand(given)[0], rtol=1e-12)
     for cost, violation in results[1:]:
         np.testing.assert_array_equal(cost, results[0][0])
         np.testing.assert_array_equal(violation, results[0][1])
