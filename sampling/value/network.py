@@ -70,13 +70,22 @@ class Network:
         Raises:
             ShapeError: the inputs are not (n, m).
         """
+        return self._folded(self.checked(inputs))
+
+    def checked(self, inputs: ArrayLike) -> Single:
+        """Return inputs (n, m) in single precision; raise ShapeError if they are not."""
         x = np.asarray(inputs, dtype=np.float32)
         if x.ndim != 2 or x.shape[1] != self.num_inputs:
             raise ShapeError(
                 f"value network: inputs have the wrong shape - got {x.shape}, expected (n, {self.num_inputs}); give "
                 "one row per state"
             )
-        return self._folded(x)
+        return x
+
+    @property
+    def folded(self) -> list[tuple[Single, Single]]:
+        """Kernel and bias of each layer and of the head, what is affine before them and means of rows included."""
+        return list(zip(self._folded.kernels, self._folded.biases, strict=True))
 
     @cached_property
     def _folded(self) -> _Folded:

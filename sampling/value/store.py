@@ -6,8 +6,9 @@ import json
 import os
 import secrets
 import zipfile
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,9 +19,10 @@ from numpy.typing import NDArray
 from piaffe.errors import FileFormatError, SamplingError
 from piaffe.ocp.nodes import Nodes
 
+from .compiled import compiled_network
 from .fingerprint import Entries, differences, fingerprint
 from .inputs import BoundInputs, Feature, ValueInputs
-from .network import Network
+from .network import Network, Single
 
 if TYPE_CHECKING:
     from ..mppi import MPPI
@@ -65,9 +67,13 @@ class Value:
         if nodes not in self._bound:
             self._bound[nodes] = self.inputs.bind(nodes)
         seen = self._bound[nodes](states, k)
-        values = self.network(seen).astype(float)
+        values = self._compiled(seen).astype(float)
         values[self._fallen(seen)] = 0.0
         return values
+
+    @cached_property
+    def _compiled(self) -> Callable[[Array], Single]:
+        return compiled_network(self.network)
 
     @property
     def discount(self) -> float:

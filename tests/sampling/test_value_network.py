@@ -5,6 +5,7 @@ import pytest
 
 from piaffe.errors import ShapeError
 from piaffe.sampling.value import Network
+from piaffe.sampling.value.compiled import CompiledNetwork, compiled_network
 from piaffe.sampling.value.network import EPSILON, Layer
 
 
@@ -63,9 +64,38 @@ def test_network_as_arrays_and_back() -> None:
     np.testing.assert_array_equal(again(inputs_for(network)), network(inputs_for(network)))
 
 
+@pytest.mark.parametrize("rows", [1, 7, 64, 200, 513])
+def test_network_in_c_is_the_one_in_numpy(rows: int) -> None:
+    network = make((50, 512, 256, 128))
+    inputs = inputs_for(network, rows)
+    for threads in (1, 2, 3):
+        values = compiled_network(network, threads=threads)(inputs)
+        np.testing.assert_allclose(values, as_written(network, inputs), rtol=1e-5, atol=1e-5)
+
+
+def test_network_in_c_keeps_rows_that_are_no_numbers_to_themselves() -> None:
+    network = make((7, 64, 32))
+    compiled = compiled_network(network)
+    inputs = inputs_for(network, 20)
+    expected = compiled(inputs)
+    inputs[3, 2], inputs[8, 0] = np.nan, 1e5
+    values = compiled(inputs)
+    assert isinstance(compiled, CompiledNetwork)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(values)), [3])
+    others = np.setdiff1d(np.arange(20), [3, 8])
+    np.testing.assert_array_equal(values[others], expected[others])
+
+
+def test_layers_that_fill_no_tile_stay_in_numpy() -> None:
+    network = make((7, 24, 5))
+    assert compiled_network(network) is network
+
+
 def test_wrong_number_of_inputs_is_refused() -> None:
     with pytest.raises(ShapeError, match=r"got \(4, 6\), expected \(n, 7\)"):
         make()(np.zeros((4, 6)))
+    with pytest.raises(ShapeError, match=r"got \(4, 6\), expected \(n, 7\)"):
+        compiled_network(make((7, 64)))(np.zeros((4, 6)))
 
 
 def test_numpy_flax_and_compiled_network_agree() -> None:
