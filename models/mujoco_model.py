@@ -25,7 +25,7 @@ from .payload import Payload
 from .quantities import feet, joints
 from .recursions import Recursion
 from .robot import Robot, require_robot
-from .soft_contact import SoftContact
+from .soft_contact import SoftContact, pair_up
 from .terrain import Flat, Terrain
 from .tree import Tree
 
@@ -185,7 +185,9 @@ class Mujoco(LeggedModel):
     def compiled(self, *, visuals: bool = False) -> Any:
         """Return the ``mujoco.MjModel``, made once; it is shared and must not be changed."""
         if visuals not in self._compiled:
-            self._compiled[visuals] = compile_spec(self.spec(visuals=visuals), self.simulated)
+            spec = self.spec(visuals=visuals)
+            pair_up(spec)
+            self._compiled[visuals] = compile_spec(spec, self.simulated)
         return self._compiled[visuals]
 
     def as_plant(self, timestep: float = 0.002, **changes: Any) -> Mujoco:

@@ -10,6 +10,7 @@ import pytest
 from piaffe import models, ocp, solvers
 from piaffe.errors import ModelError, ProblemError
 from piaffe.models import base, com, feet, frames, joints, momentum, terrain
+from piaffe.models.mujoco_scene import compile_spec
 from piaffe.ocp import rotation
 
 ROBOT = models.load("solo12")
@@ -361,6 +362,22 @@ def test_friction_and_changes_of_a_plant():
     assert compiled.geom("FL").priority[0] > compiled.geom("floor").priority[0]
     assert plant.name != PLANT.name
     assert plant.robot is ROBOT
+
+
+@pytest.mark.parametrize("ground", [terrain.flat(), terrain.stairs(0.05, 0.1, start=0.1)], ids=["flat", "stairs"])
+def test_contacts_declared_in_pairs_are_those_that_mujoco_finds(ground):
+    plant = models.Mujoco(ROBOT, terrain=ground, body_collisions=True, friction=0.7)
+    x, counts = plant.state(position=(0.0, 0.0, 0.22), rpy=(0.1, 0.2, 0.0)), []
+    runs = []
+    for model in (plant.compiled(), compile_spec(plant.spec(), plant.simulated)):
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = x[:19], x[19:], plant.action.centre
+        for _ in range(20):
+            mujoco.mj_step(model, data)
+            counts.append(data.ncon)
+        runs.append(np.concatenate([data.qpos, data.qvel]))
+    assert runs[0] == pytest.approx(runs[1], abs=1e-9)
+    assert max(counts) >= 4
 
 
 def test_compiled_is_made_once():
