@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
@@ -16,6 +15,7 @@ import numpy as np
 from piaffe.errors import FileFormatError
 
 from .episode import Episode
+from .value.store import write_whole
 
 FORMAT = "piaffe episodes 1"
 
@@ -42,7 +42,9 @@ def save_episodes(path: str | Path, episodes: Mapping[str, Episode], about: Mapp
     }
     content = io.BytesIO()
     np.savez_compressed(content, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
-    return write_whole(path, content.getvalue())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, content.getvalue())
+    return path
 
 
 def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]:
@@ -68,15 +70,3 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]
 def _episode(content: Mapping[str, Any], name: str, rest: Mapping[str, Any]) -> Episode:
     arrays: dict[str, Any] = {key: np.asarray(content[f"{name}/{key}"], dtype=float) for key in _ARRAYS}
     return Episode(**arrays, **{**rest, "constraints": tuple(rest["constraints"])})
-
-
-def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file that appears whole or not at all, and return its path."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        temporary.write_bytes(content)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    return path

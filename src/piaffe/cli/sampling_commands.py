@@ -35,6 +35,9 @@ def mppi(
     value: Annotated[
         str | None, typer.Option(metavar="V", help="Value at the horizon's end; the file's by default, or `none`.")
     ] = None,
+    allow: Annotated[
+        str, typer.Option(metavar="'NAME ...'", help="In what the value may differ from what it was learnt for.")
+    ] = "",
     steps: Annotated[int, typer.Option(min=1, help="Control steps per episode.")] = 400,
     seeds: Annotated[int, typer.Option(min=1, help="Run seeds 0, 1, ... so many.")] = 1,
     seed: Annotated[int | None, typer.Option(min=0, help="Run this seed alone.")] = None,
@@ -85,8 +88,8 @@ def mppi(
     from .trials import complete, prepare
 
     given: dict[str, Any] = {
-        "controller": controller, "value": value, "steps": steps, "horizon": horizon, "payload": payload,
-        "friction": friction, "latency": latency, "plant_timestep": plant_timestep, "spread": spread,
+        "controller": controller, "value": value, "allow": allow, "steps": steps, "horizon": horizon,
+        "payload": payload, "friction": friction, "latency": latency, "plant_timestep": plant_timestep, "spread": spread,
     }  # fmt: skip
     given |= {k: v for k, v in {"samples": samples, "temperature": temperature}.items() if v is not None}
     given |= dict(pair(text) for text in setting or [])

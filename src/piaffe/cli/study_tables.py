@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from piaffe.sampling.records import write_whole
+from piaffe.sampling.value.store import write_whole
 
 from .reports import new_table, plain
 
@@ -81,10 +81,11 @@ def write_table(path: Path, lines: Sequence[Mapping[str, str]]) -> list[Path]:
     csv.writer(text, lineterminator="\n").writerows([names, *cells])
     rule = ["---"] * len(names)
     markdown = "\n".join(f"| {' | '.join(line)} |" for line in [names, rule, *cells]) + "\n"
-    return [
-        write_whole(path.with_suffix(".md"), markdown.encode()),
-        write_whole(path.with_suffix(".csv"), text.getvalue().encode()),
-    ]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    paths = [path.with_suffix(".md"), path.with_suffix(".csv")]
+    for file, content in zip(paths, (markdown, text.getvalue()), strict=True):
+        write_whole(file, content.encode())
+    return paths
 
 
 def constraints(rows: Sequence[Row]) -> list[str]:

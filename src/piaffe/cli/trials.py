@@ -14,6 +14,7 @@ from piaffe.sampling.mppi import MPPI
 from piaffe.sampling.options import Options
 from piaffe.sampling.spread import Spread
 from piaffe.sampling.td_cd import TDCDMPPI
+from piaffe.sampling.value import load_value
 
 from .sampled import Declared
 
@@ -22,10 +23,11 @@ TITLES: Mapping[str, str] = {"td-cd": "TD-CD-MPPI", "dial": "DIAL-MPC", "mppi": 
 
 NO_VALUE = "none"
 RUN: Mapping[str, Any] = {
-    "controller": "td-cd", "value": None, "horizon": None, "steps": 400, "spread": {}, "latency": 0.0, "payload": 0.0,
-    "friction": None, "plant_timestep": 0.002,
+    "controller": "td-cd", "value": None, "allow": "", "horizon": None, "steps": 400, "spread": {},
+    "latency": 0.0, "payload": 0.0, "friction": None, "plant_timestep": 0.002,
 }  # fmt: skip
-"""Settings of a run and their defaults; a value of None is the file's, ``"none"`` is none at all."""
+"""Settings of a run and their defaults; a value of None is the file's, ``"none"`` is none at all; ``allow`` names in what a
+value may differ from what it was learnt for, as ``"terrain payload"``."""
 
 OPTIONS = tuple(field.name for field in fields(Options) if field.name not in ("seed", "threads"))
 """Settings of a controller."""
@@ -109,6 +111,10 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
             raise SamplingError(
                 f"{where}: {name} is out of range - got {value!r}, expected a number, at least {least:g}"
             )
+    if not isinstance(settings["allow"], str):
+        raise SamplingError(
+            f"{where}: allow is unusable - got {settings['allow']!r}, expected names, as 'terrain payload'"
+        )
     spread_of(settings, where)
     options_of(declared, settings)
     settings["value"] = value_of(declared, settings, where, folder)
@@ -190,8 +196,13 @@ def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None
     own = {name: settings[name] for name in declared.settings if name in settings and name != "horizon"}
     problem = declared.problem(own, settings["horizon"])
     kind = CONTROLLERS[settings["controller"]]
-    extra = {"value": settings["value"]} if issubclass(kind, TDCDMPPI) else {}
-    controller = kind(problem, options_of(declared, settings, threads), reward=declared.reward, **extra)
+    options, path = options_of(declared, settings, threads), settings["value"]
+    if issubclass(kind, TDCDMPPI) and path is not None:
+        value = load_value(path)
+        controller: MPPI = kind(problem, options, reward=declared.reward, value=value)
+        value.check(controller, settings["allow"].replace(",", " ").split(), f"value '{path}'")
+    else:
+        controller = kind(problem, options, reward=declared.reward)
     return Trial(controller, plant_of(controller.model, settings), settings, spread_of(settings, "settings"))
 
 
