@@ -89,7 +89,8 @@ def mppi(
 
     given: dict[str, Any] = {
         "controller": controller, "value": value, "allow": allow, "steps": steps, "horizon": horizon,
-        "payload": payload, "friction": friction, "latency": latency, "plant_timestep": plant_timestep, "spread": spread,
+        "payload": payload, "friction": friction, "latency": latency, "plant_timestep": plant_timestep,
+        "spread": spread,
     }  # fmt: skip
     given |= {k: v for k, v in {"samples": samples, "temperature": temperature}.items() if v is not None}
     given |= dict(pair(text) for text in setting or [])
