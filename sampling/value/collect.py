@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from piaffe.errors import SamplingError
 from piaffe.ocp import Problem
+from piaffe.ocp.nodes import Nodes
 
 from ..mppi import MPPI
 from ..options import Options
 from ..plan import Plan
 from ..reward import Reward
+from ..scoring import scoring
 from ..td_cd import TDCDMPPI
 from .dataset import Dataset, Records
 from .fingerprint import fingerprint, plain
@@ -189,10 +191,22 @@ def collect(
 
 def made_for(problem: Problem, options: CollectOptions, reward: Reward) -> dict[str, Any]:
     """Return what a dataset is of; the number of shards is no part of it, nor how costs and inputs are used."""
-    probe = TDCDMPPI(problem, options.follow, reward=reward)
-    entries = fingerprint(probe.nodes, reward, options.follow, ValueInputs.standard(probe.nodes))
+    nodes = Nodes(problem)
+    entries = fingerprint(nodes, reward, options.follow, ValueInputs.standard(nodes))
     settings = {name: value for name, value in plain(options).items() if name not in ("shards", "kind")}
-    return {"of": entries, "options": settings, "constraints": list(probe.constraints)}
+    made = {"of": entries, "simulator": simulator_of(nodes.model), "options": settings}
+    return {**made, "constraints": list(constraints_of(nodes))}
+
+
+def simulator_of(model: Any) -> dict[str, Any]:
+    """Return how a model is simulated: what a dataset must not mix, and a value may survive."""
+    names = ("timestep", "substeps", "contact", "friction", "body_collisions")
+    return {name: plain(getattr(model, name)) for name in names if hasattr(model, name)}
+
+
+def constraints_of(nodes: Nodes) -> tuple[str, ...]:
+    """Return the constraint that each row of a violation belongs to, (nc,)."""
+    return scoring(nodes.mode).constraints(nodes.terms)
 
 
 _ACTORS: dict[str, Actors] = {}

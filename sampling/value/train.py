@@ -19,7 +19,7 @@ from piaffe.ocp import Problem
 from piaffe.ocp.nodes import Nodes
 
 from ..reward import Reward
-from .collect import CollectOptions, collect
+from .collect import CollectOptions, collect, constraints_of, simulator_of
 from .fingerprint import fingerprint, plain
 from .inputs import ValueInputs
 from .options import LearnOptions
@@ -83,20 +83,20 @@ def train_value(
         records = dataset.load()
         nodes = Nodes(problem() if callable(problem) else problem)
         inputs = inputs or ValueInputs.standard(nodes)
-        constraints = _constraints(nodes)
+        constraints = constraints_of(nodes)
         transitions = records.transitions(inputs.bind(nodes), constraints, reward, collecting.follow)
         learned = learn(
             transitions, learning, checkpoints=folder / "checkpoints",
             listener=lambda done, total, _: step("learning, minibatches", done, total),
         )  # fmt: skip
-    falls = int(records.done.sum())
     record = {
         "command": " ".join(sys.argv),
         "collecting": plain(collecting),
         "learning": plain(asdict(learning)),
+        "simulator": simulator_of(nodes.model),
         "transitions": len(records),
         "episodes": int(records.episode.max()) + 1,
-        "falls": falls,
+        "falls": int(records.done.sum()),
         "mean_reward": plain(transitions.rewards.mean()),
         "mean_delta": plain(transitions.delta.mean()),
         "constraints": list(constraints),
@@ -117,12 +117,6 @@ def _learner() -> Any:
             "Orbax; run pip install 'piaffe[sampling]'"
         ) from error
     return learn
-
-
-def _constraints(nodes: Nodes) -> tuple[str, ...]:
-    from ..scoring import scoring
-
-    return scoring(nodes.mode).constraints(nodes.terms)
 
 
 def _fall(nodes: Nodes) -> dict[str, float]:

@@ -188,6 +188,9 @@ def test_collecting_goes_on_where_it_was_cut_off(plant: models.Mujoco, tmp_path:
         collect(problem, tmp_path / "cut", SMALL, reward=Reward(2.0))
     with pytest.raises(SamplingError, match=r"'options.episode_steps' 4, expected 3"):
         collect(problem, tmp_path / "cut", replace(SMALL, episode_steps=4))
+    harder = models.Mujoco(models.load("solo12"), armature=0.01, contact=models.SoftContact(solref=(0.05, 1.0)))
+    with pytest.raises(SamplingError, match=r"'simulator.contact.solref'"):
+        collect(trot_problem(plant=harder), tmp_path / "cut", SMALL)
 
 
 def test_executor_makes_the_same_shards(plant: models.Mujoco, tmp_path: Path) -> None:
