@@ -63,6 +63,7 @@ class Nodes:
         self.problem, self.model, self.dt = problem, segment.model, segment.dt
         self._compilation = Compilation(problem)
         self._path = self._compilation.path
+        self.terms = self._compilation.terms
         first = self._path.interval_at(0.0)
         self._stretch = Stretch(segment, first, 0.0, 1, False, None)
         self.mode: LoweredMode = self._compilation.mode(self._stretch)

@@ -126,10 +126,10 @@ def run_episode(
     lag = _lag(controller, plant, latency)
     k0 = round(start / controller.dt)
     controller.reset(seed)
-    engine = NativeEngine(plant.single_steps(), threads=0, warm_start=True)
+    engine = NativeEngine(_SingleSteps(plant), threads=0, warm_start=True)
     x = np.array(controller.problem.initial if initial is None else initial, dtype=float)
     states, actions, plan_ms, effective, failed = [x], [], [], [], 0
-    before = controller.model.action.hold(x)
+    before = controller.hold(x)
     fell = False
     for k in range(steps):
         plan = controller.plan(x, (k0 + k) * controller.dt)
@@ -154,6 +154,18 @@ def run_episode(
     )
 
 
+@dataclass(frozen=True)
+class _SingleSteps:
+    """A plant that takes one control per step of its simulator."""
+
+    plant: Any
+    substeps: int = 1
+
+    def compiled(self) -> Any:
+        """Return the ``mujoco.MjModel``."""
+        return self.plant.compiled()
+
+
 def _lag(controller: MPPI, plant: Any, latency: float) -> int:
     """Return a latency in steps of the plant's simulator."""
     if abs(plant.dt - controller.dt) > 1e-9:
@@ -176,7 +188,7 @@ def _episode(
 ) -> Episode:  # fmt: skip
     count = len(actions)
     numbers = controller.nodes.running(k0, count)
-    cost, violation = controller.evaluator.stage(states[None, :-1], actions[None], numbers)
+    cost, violation = controller.score(states[None, :-1], actions[None], numbers)
     where = controller.model.state.slices[base.position]
     asked = [np.asarray(controller.nodes.sample(k)[base.position])[:2] for k in (k0, k0 + count)]
     way = asked[1] - asked[0]

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError, ShapeError
+from piaffe.models import joints
 from piaffe.ocp import Problem
 from piaffe.ocp.nodes import NodeNumbers, Nodes
 from piaffe.ocp.timeline import whole_steps
 
 from .engines import engine_for
-from .evaluators import evaluator_for
+from .evaluators import evaluator
 from .noise import deviations
 from .options import Options
 from .plan import Plan
@@ -63,8 +64,9 @@ class MPPI:
         self.steps = _horizon(problem, self.dt)
         self.spline = Spline(self.options.knots, self.steps)
         self.engine = engine_for(self.model, self.options.engine, threads=self.options.threads)
-        self.evaluator = evaluator_for(self.nodes.mode, self.options.engine, threads=self.options.threads)
-        self.constraints = self.evaluator.constraints
+        scored = "jax" if self.options.engine == "mjx" else "native"
+        self.evaluator = evaluator(self.nodes.mode, scored, threads=self.options.threads)
+        self.constraints = self.evaluator.constraints(self.nodes.terms)
         self._centre = 0.5 * (self.model.action.upper + self.model.action.lower)
         self._half = 0.5 * (self.model.action.upper - self.model.action.lower)
         self._ends = bool(self.nodes.mode.rows["terminal_residual"])
@@ -98,6 +100,12 @@ class MPPI:
         self._plan, self._time = nodes, t
         return self._report(t, nodes, rolled, seconds)
 
+    def hold(self, x: Array) -> Array:
+        """Return the control that holds the joints where they are, (nu,); no torque where controls are torques."""
+        if self.model.action.quantity == joints.target:
+            return np.asarray(x[self.model.state.slices[joints.position]])
+        return np.zeros_like(self._centre)
+
     # ---- what relatives change
 
     def returns(self, rolled: Rolled) -> Array:
@@ -106,6 +114,23 @@ class MPPI:
         return np.asarray(rewards.mean(axis=1) if rolled.last is None else (
             (rewards.sum(axis=1) + self.reward(rolled.last)) / (rewards.shape[1] + 1)
         ))  # fmt: skip
+
+    # ---- costs
+
+    def score(self, states: Array, controls: Array, numbers: NodeNumbers) -> tuple[Array, Array]:
+        """Return running costs (n, S) and violations (nc, n, S); the next call of this size overwrites them.
+
+        Args:
+            states: (n, S, nx).
+            controls: (n, S, nu).
+            numbers: of the S nodes.
+        """
+        return self.evaluator.stage(states, controls, numbers.p, numbers.weight, numbers.g_mask, numbers.h_mask)
+
+    def _last(self, states: Array, k: int) -> Array:
+        """Return the cost of terms ``at="end"``, (n,)."""
+        end = self.nodes.end(k)
+        return self.evaluator.terminal(states, end.p[0], end.weight[0], end.g_mask[0], end.h_mask[0])[0]
 
     # ---- one stage
 
@@ -120,8 +145,8 @@ class MPPI:
         rollouts = self.engine.rollout(start, controls)
         began = _lap(seconds, "roll_out", began)
         states = rollouts.states
-        cost, violation = self.evaluator.stage(states[:, :-1], controls, numbers)
-        last = self.evaluator.terminal(states[:, -1], self.nodes.end(k + self.steps + 1)) if self._ends else None
+        cost, violation = self.score(states[:, :-1], controls, numbers)
+        last = self._last(states[:, -1], k + self.steps + 1) if self._ends else None
         began = _lap(seconds, "evaluate", began)
         rolled = Rolled(k, states, cost, last, violation, rollouts.failed)
         rolled.returns = self._valid(self.returns(rolled), rollouts.failed)
@@ -160,7 +185,7 @@ class MPPI:
 
     def _first_guess(self, start: Array) -> Array:
         """Return the plan that holds the joints where they are, or no torque."""
-        held = self.model.action.hold(start)
+        held = self.hold(start)
         return np.tile(np.clip((held - self._centre) / self._half, -1.0, 1.0), (self.options.knots + 1, 1))
 
     def _shifted(self, nodes: Array, t: float) -> Array:

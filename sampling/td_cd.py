@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.ocp import Problem
+from piaffe.ocp.nodes import Nodes
 
 from .dial import DIAL
 from .discount import ConstraintDiscount, discounted_return
 from .mppi import Rolled
 from .options import Options
 from .reward import Reward
-from .value import Value, load_value
 
 Array = NDArray[np.float64]
+
+
+class TerminalValue(Protocol):
+    """What a roll-out that ends in a state is still going to return."""
+
+    def __call__(self, states: Array, k: int, nodes: Nodes) -> Array:
+        """Return V ≥ 0 of states (n, nx) at node k, (n,)."""
+        ...
 
 
 class TDCDMPPI(DIAL):
@@ -46,18 +54,25 @@ class TDCDMPPI(DIAL):
         options: Options | None = None,
         *,
         reward: Reward | None = None,
-        value: Value | str | PathLike[str] | None = None,
+        value: TerminalValue | str | PathLike[str] | None = None,
         **changed: Any,
     ) -> None:
         super().__init__(problem, options, reward=reward, **changed)
         self.discount = ConstraintDiscount(self.constraints, self.options)
-        self.value = None if value is None else load_value(value, self) if not isinstance(value, Value) else value
+        self.value = self._loaded(value)
 
     def reset(self, seed: int | None = None) -> None:
         """Forget the last plan and the largest violations, and begin the perturbations anew."""
         super().reset(seed)
         if hasattr(self, "discount"):
             self.discount.reset()
+
+    def _loaded(self, value: TerminalValue | str | PathLike[str] | None) -> TerminalValue | None:
+        if not isinstance(value, str | PathLike):
+            return value
+        from .value import load_value
+
+        return load_value(value, self)
 
     def returns(self, rolled: Rolled) -> Array:
         """Return the constraint-discounted return of every roll-out, (n,)."""

@@ -1,0 +1,39 @@
+"""Learn the terminal value of the trot on flat ground: sampled states, closed loops from them, temporal differences."""
+
+import argparse
+from pathlib import Path
+
+import trot_mppi
+
+from piaffe import sampling
+from piaffe.sampling.value import CollectOptions, LearnOptions, train_value
+
+collecting = CollectOptions(
+    shards=50,
+    episodes=20,
+    episode_steps=50,
+    horizon=8,
+    explore=sampling.Options(samples=256),
+    follow=sampling.Options(samples=256, p_max=trot_mppi.options.p_max),
+)
+learning = LearnOptions(updates=20_000)
+
+
+def main(out: str = "solo12_trot.value", shards: int = collecting.shards, updates: int = learning.updates) -> float:
+    """Learn, write the file and return the mean value of what was learned from."""
+    from dataclasses import replace
+
+    value = train_value(
+        trot_mppi.sampled_problem(), out, reward=trot_mppi.reward,
+        collecting=replace(collecting, shards=shards), learning=replace(learning, updates=updates),
+    )  # fmt: skip
+    print(f"{Path(out).stat().st_size / 1e6:.1f} MB")
+    return float(value.record["curves"]["mean_value"][-1])
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", default="solo12_trot.value")
+    parser.add_argument("--shards", type=int, default=collecting.shards)
+    parser.add_argument("--updates", type=int, default=learning.updates)
+    print(f"mean value {main(**vars(parser.parse_args())):.2f}")
