@@ -114,7 +114,7 @@ class Mujoco(LeggedModel):
             terrain=self.terrain,
         )
         self.tree = Tree.from_pinocchio(loaded.model)
-        self._points = frame_points(robot)
+        self._points, self._legs = frame_points(robot), Kinematics(robot)
         self._compiled: dict[bool, Any] = {}
 
     # ---- what the compiler asks
@@ -222,7 +222,7 @@ class Mujoco(LeggedModel):
     def height_above_terrain(self, states: ArrayLike) -> Array:
         """Return ``base.height``, (...,) [m], of states (..., nx)."""
         x = np.asarray(states, dtype=float)
-        places = Kinematics(self.robot).world_feet(x[..., :3], x[..., 3:7], x[..., 7 : self.tree.nv + 1])
+        places = self._legs.world_feet(x[..., :3], x[..., 3:7], x[..., 7 : self.tree.nv + 1])
         return np.asarray(x[..., 2] - np.mean(self.terrain.height(places[..., 0], places[..., 1]), axis=-1))
 
     def fallen(self, states: ArrayLike, fall: Fall | None = None) -> NDArray[np.bool_]:
