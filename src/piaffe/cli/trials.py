@@ -26,8 +26,8 @@ RUN: Mapping[str, Any] = {
     "controller": "td-cd", "value": None, "allow": "", "horizon": None, "steps": 400, "spread": {},
     "latency": 0.0, "payload": 0.0, "friction": None, "plant_timestep": 0.002,
 }  # fmt: skip
-"""Settings of a run and their defaults; a value of None is the file's, ``"none"`` is none at all; ``allow`` names in what
-a value may differ from what it was learnt for, as ``"terrain payload"``."""
+"""Settings of a run and their defaults; a value of None is the file's, ``"none"`` is none at all; ``allow`` names in
+what a value may differ from what it was learnt for, as ``"terrain payload"``."""
 
 OPTIONS = tuple(field.name for field in fields(Options) if field.name not in ("seed", "threads"))
 """Settings of a controller."""
