@@ -6,5 +6,10 @@ from .episode import run_episode as run_episode
 from .mppi import MPPI as MPPI
 from .options import Options as Options
 from .plan import Plan as Plan
+from .records import load_episodes as load_episodes
+from .records import save_episodes as save_episodes
 from .reward import Reward as Reward
+from .spread import Spread as Spread
+from .study import Case as Case
+from .study import Study as Study
 from .td_cd import TDCDMPPI as TDCDMPPI

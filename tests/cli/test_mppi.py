@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,8 @@ import pytest
 from piaffe.cli import main
 from piaffe.cli.episodes import summary
 from piaffe.cli.sampled import load_declared
-from piaffe.cli.trials import complete, prepare
-from piaffe.errors import FileFormatError, PiaffeError, ProblemError
+from piaffe.cli.trials import CONTROLLERS, complete, options_of, prepare
+from piaffe.errors import FileFormatError, PiaffeError, ProblemError, SamplingError
 from piaffe.sampling.records import load_episodes
 
 QUICK = ("--controller", "dial", "--steps", "3")
@@ -93,6 +94,16 @@ def test_options_come_from_the_class_then_the_file_then_the_command(sampled_file
     assert trial.controller.options.node_factor == type(trial.controller).defaults.node_factor
     assert (trial.controller.steps, trial.plant.timestep) == (3, 0.002)
     trial.close()
+
+
+def test_options_for_all_leave_the_rest_to_each_controller(sampled_file: Path, tmp_path: Path) -> None:
+    file = tmp_path / "all.py"
+    file.write_text(sampled_file.read_text() + "\noptions = sampling.Options(samples=9, p_max={'hip': 0.5})\n")
+    found = options_of(load_declared(str(file)), settings(file, controller="mppi", temperature=0.1))
+    assert found == replace(CONTROLLERS["mppi"].defaults, samples=9, p_max={"hip": 0.5}, temperature=0.1)
+    file.write_text(sampled_file.read_text() + "\noptions = {'dial': {'sample': 9}}\n")
+    with pytest.raises(SamplingError, match="options of 'dial': cannot be used - got .*'sample'"):
+        settings(file, controller="dial")
 
 
 @pytest.mark.parametrize(

@@ -125,17 +125,19 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
 def options_of(declared: Declared, settings: Mapping[str, Any], threads: int | None = None) -> Options:
     """Return a controller's options: its class's defaults, changed by the file, changed by settings."""
     kind = settings["controller"]
-    changed: Any = declared.options
-    if isinstance(changed, Mapping):
-        changed = changed.get(kind, {})
+    changed: Any = declared.options if isinstance(declared.options, Options) else declared.options.get(kind, {})
+    if isinstance(changed, Options):  # what it leaves as it is, it leaves to the controller
+        usual = Options()
+        changed = {name: getattr(changed, name) for name in OPTIONS if getattr(changed, name) != getattr(usual, name)}
+    own = {name: settings[name] for name in OPTIONS if name in settings}
     try:
-        options = changed if isinstance(changed, Options) else replace(CONTROLLERS[kind].defaults, **changed)
+        options = replace(CONTROLLERS[kind].defaults, **changed)
     except TypeError as error:
         raise SamplingError(
             f"file '{declared.path}', options of '{kind}': cannot be used - got {error}, expected a sampling.Options "
             f"or a dictionary of {list(OPTIONS)}; correct them"
         ) from error
-    return replace(options, threads=threads, **{name: settings[name] for name in OPTIONS if name in settings})
+    return replace(options, threads=threads, **own)
 
 
 def spread_of(settings: Mapping[str, Any], where: str) -> Spread:
