@@ -105,15 +105,14 @@ class Value:
         """
         now = fingerprint(controller.nodes, controller.reward, controller.options, self.inputs)
         found = differences(self.made_for, json.loads(json.dumps(now)))
-        known = {path for path, _, _ in found}
-        for path, kept, here in found:
-            if any(path == name or path.startswith(f"{name}.") for name in allow):
-                continue
-            others = len(known) - 1
+        found = [each for each in found if not any(each[0] == n or each[0].startswith(f"{n}.") for n in allow)]
+        if found:
+            path, kept, here = found[0]
+            entries = tuple(dict.fromkeys(each.split(".")[0] for each, _, _ in found))
             raise SamplingError(
                 f"{where}: was learnt for something else - got '{path}' {_brief(here)}, expected {_brief(kept)}"
-                f"{f' (and {others} more differ)' if others else ''}; learn one for this problem, or pass "
-                f"allow=('{path}',) to use it all the same"
+                f"{f' (and {len(found) - 1} more differ)' if len(found) > 1 else ''}; learn one for this problem, or "
+                f"pass allow={entries} to use it all the same"
             )
 
     def save(self, path: str | os.PathLike[str], precision: Precision = "single") -> Path:

@@ -123,7 +123,7 @@ def test_entries_may_be_allowed_to_differ(value: Value) -> None:
     value.check(other, allow=("terrain", "payload"))
     with pytest.raises(SamplingError, match="'payload"):
         value.check(other, allow=("terrain",))
-    with pytest.raises(SamplingError, match="'terrain"):
+    with pytest.raises(SamplingError, match=r"'terrain.*pass allow=\('terrain',\)"):
         value.check(other, allow=("terr", "payload"))
 
 
