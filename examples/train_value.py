@@ -1,12 +1,13 @@
 """Learn the terminal value of the trot on flat ground: sampled states, closed loops from them, temporal differences."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import trot_mppi
 
 from piaffe import sampling
-from piaffe.sampling.value import CollectOptions, LearnOptions, train_value
+from piaffe.sampling import CollectOptions, LearnOptions, train_value
 
 collecting = CollectOptions(
     shards=50,
@@ -17,14 +18,13 @@ collecting = CollectOptions(
     follow=sampling.Options(samples=256, p_max=trot_mppi.options.p_max),
 )
 learning = LearnOptions(updates=20_000)
+problem = trot_mppi.sampled_problem()
 
 
 def main(out: str = "solo12_trot.value", shards: int = collecting.shards, updates: int = learning.updates) -> float:
     """Learn, write the file and return the mean value of what was learned from."""
-    from dataclasses import replace
-
     value = train_value(
-        trot_mppi.sampled_problem(), out, reward=trot_mppi.reward,
+        problem, out, reward=trot_mppi.reward,
         collecting=replace(collecting, shards=shards), learning=replace(learning, updates=updates),
     )  # fmt: skip
     print(f"{Path(out).stat().st_size / 1e6:.1f} MB")

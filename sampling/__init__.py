@@ -13,3 +13,8 @@ from .spread import Spread as Spread
 from .study import Case as Case
 from .study import Study as Study
 from .td_cd import TDCDMPPI as TDCDMPPI
+from .value import CollectOptions as CollectOptions
+from .value import LearnOptions as LearnOptions
+from .value import Value as Value
+from .value import load_value as load_value
+from .value import train_value as train_value

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import UnknownNameError
 
+from . import reduce
 from .options import Options
 
 Array = NDArray[np.float64]
@@ -51,11 +52,7 @@ class ConstraintDiscount:
 
     def of(self, violation: Array) -> Array:
         """Return δ of violations (nc, ...), of the shape of one row."""
-        delta = np.zeros(violation.shape[1:])
-        for row, share, largest in zip(violation, self.p_max, self.maxima, strict=True):
-            if share > 0:
-                np.maximum(delta, np.minimum(row * (share / largest), share), out=delta)
-        return delta
+        return reduce.discount(violation, self.maxima, self.p_max)
 
 
 def _shares(constraints: Sequence[str], p_max: float | Mapping[str, float]) -> Array:

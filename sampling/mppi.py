@@ -179,7 +179,11 @@ class MPPI:
         failed |= ~np.isfinite(returns)
         if not failed.any():
             return returns
-        return np.where(failed, np.min(returns, where=~failed, initial=np.inf), returns) if not failed.all() else 0 * failed
+        return (
+            np.where(failed, np.min(returns, where=~failed, initial=np.inf), returns)
+            if not failed.all()
+            else 0 * failed
+        )
 
     # ---- from plan to plan
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from os import PathLike
 from typing import Any, ClassVar, Protocol
 
@@ -12,6 +13,7 @@ from piaffe.ocp import Problem
 from piaffe.ocp.nodes import Nodes
 
 from .dial import DIAL
+from . import reduce
 from .discount import ConstraintDiscount, discounted_return
 from .mppi import Rolled
 from .options import Options
@@ -40,6 +42,8 @@ class TDCDMPPI(DIAL):
         options: see :class:`Options`.
         reward: how cost becomes reward.
         value: V, or the file that holds it; None for none.
+        allow: what may differ between this controller and the one that the value was learned from, as ``("terrain",)``;
+            see :meth:`piaffe.sampling.value.Value.check`.
         **changed: single options.
 
     Raises:
@@ -55,11 +59,12 @@ class TDCDMPPI(DIAL):
         *,
         reward: Reward | None = None,
         value: TerminalValue | str | PathLike[str] | None = None,
+        allow: Collection[str] = (),
         **changed: Any,
     ) -> None:
         super().__init__(problem, options, reward=reward, **changed)
         self.discount = ConstraintDiscount(self.constraints, self.options)
-        self.value = self._loaded(value)
+        self.value = self._checked_value(value, allow)
 
     def reset(self, seed: int | None = None) -> None:
         """Forget the last plan and the largest violations, and begin the perturbations anew."""
@@ -67,17 +72,22 @@ class TDCDMPPI(DIAL):
         if hasattr(self, "discount"):
             self.discount.reset()
 
-    def _loaded(self, value: TerminalValue | str | PathLike[str] | None) -> TerminalValue | None:
-        if not isinstance(value, str | PathLike):
-            return value
-        from .value import load_value
+    def _checked_value(
+        self, value: TerminalValue | str | PathLike[str] | None, allow: Collection[str]
+    ) -> TerminalValue | None:
+        from .value.store import Value, load_value  # learning imports this module
 
-        return load_value(value, self)
+        if isinstance(value, str | PathLike):
+            return load_value(value, self, allow=allow)
+        if isinstance(value, Value):
+            value.check(self, allow)
+        return value
 
     def returns(self, rolled: Rolled) -> Array:
         """Return the constraint-discounted return of every roll-out, (n,)."""
         alive = ~rolled.failed
-        self.discount.follow(rolled.violation[:, alive].max(axis=(1, 2), initial=0.0))
+        seen = rolled.violation if alive.all() else rolled.violation[:, alive]
+        self.discount.follow(reduce.maxima(seen))
         delta = self.discount.of(rolled.violation)
         value = None
         if self.value is not None:
