@@ -3,6 +3,8 @@
 The robot walks meanwhile: each turn is one step of a closed loop, in which a plan is made and then its roll-outs are
 made once more by ``mujoco.rollout`` alone, with the same threads, the same memory kept and nothing checked. Without a
 value file a network of the same size with random weights takes its place: it costs the same, and walks worse.
+
+Besides the time that passes, the processors' time is told, summed over threads: what a busy machine lengthens less.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from common import arguments, surroundings, tell
 from mujoco.rollout import Rollout
 
 from piaffe.cli.sampled import Declared, load_declared
-from piaffe.cli.trials import CONTROLLERS
+from piaffe.cli.trials import CONTROLLERS, NO_VALUE, options_of
 from piaffe.sampling import MPPI
 from piaffe.sampling.engines import NativeEngine
 from piaffe.sampling.engines.native import own_copy
@@ -31,8 +33,8 @@ from piaffe.sampling.value import Network, Value, ValueInputs, fingerprint, load
 from piaffe.sampling.value.network import HIDDEN, Layer
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "trot_mppi.py"
+ALONE, ALONE_BUSY = "mujoco.rollout alone", "mujoco.rollout alone, processors"
 WARM_UP = 25  # steps of the closed loop before anything is timed
-NOMINAL = "N = 512, H = 8"
 
 
 @dataclass(frozen=True)
@@ -74,23 +76,20 @@ class Alone:
         warm = not controller.engine._model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
         self.model = own_copy(mujoco, controller.model.compiled(), warm_start=warm)
         n, steps = controller.options.samples + 1, controller.steps + 1
-        self.size, self.steps = n, steps
+        self.models, self.steps = [self.model] * n, steps
         self.data = [mujoco.MjData(self.model) for _ in range(threads)]
         self.pool = Rollout(nthread=threads)
         self.initial = np.zeros((n, 1 + self.model.nq + self.model.nv))
         self.states = np.empty((n, steps, self.initial.shape[1]))
         self.sensors = np.empty((n, steps, self.model.nsensordata))
 
-    def seconds(self, x: np.ndarray, controls: np.ndarray) -> float:
-        """Return how long the roll-outs take."""
+    def roll(self, x: np.ndarray, controls: np.ndarray) -> None:
+        """Make the roll-outs."""
         self.initial[:, 1:] = x
-        models = [self.model] * self.size
-        began = time.perf_counter()
         self.pool.rollout(
-            models, self.data, self.initial, controls, skip_checks=True, nstep=self.steps, state=self.states,
+            self.models, self.data, self.initial, controls, skip_checks=True, nstep=self.steps, state=self.states,
             sensordata=self.sensors,
         )  # fmt: skip
-        return time.perf_counter() - began
 
 
 class Recorder:
@@ -128,10 +127,10 @@ def random_value(controller: MPPI) -> Value:
 
 def controller_of(declared: Declared, setting: Setting, file: Path | None) -> MPPI:
     """Return the controller of a setting."""
-    options: dict[str, Any] = {"samples": setting.samples, "engine": setting.engine, "threads": setting.threads}
-    given = declared.options.get(setting.controller, {}) if isinstance(declared.options, Mapping) else {}
+    given = {"controller": setting.controller, "samples": setting.samples, "engine": setting.engine, "value": NO_VALUE}
+    options = options_of(declared, given, setting.threads)
     problem = declared.problem(horizon=setting.horizon)
-    controller = CONTROLLERS[setting.controller](problem, reward=declared.reward, **{**given, **options})
+    controller: Any = CONTROLLERS[setting.controller](problem, options, reward=declared.reward)
     if setting.value:
         controller.value = random_value(controller) if file is None else load_value(file, controller)
     return controller
@@ -146,12 +145,14 @@ def measure(controller: MPPI, setting: Setting, repeats: int) -> dict[str, Any]:
     controller.reset(0)
     with NativeEngine(controller.model, threads=0) as plant:
         for k in range(WARM_UP + repeats):
-            began = time.perf_counter()
+            wall, busy = time.perf_counter(), time.process_time()
             plan = controller.plan(x, k * controller.dt)
-            turn = {"plan": time.perf_counter() - began, **plan.seconds}
+            turn = {"plan": time.perf_counter() - wall, "plan, processors": time.process_time() - busy, **plan.seconds}
             turn["rest"] = turn["plan"] - sum(plan.seconds.values())
             if alone is not None:
-                turn["mujoco.rollout alone"] = alone.seconds(x, recorder.controls)
+                wall, busy = time.perf_counter(), time.process_time()
+                alone.roll(x, recorder.controls)
+                turn[ALONE], turn[ALONE_BUSY] = time.perf_counter() - wall, time.process_time() - busy
             if k >= WARM_UP:
                 turns.append(turn)
             x = plant.rollout(x, plan.action[None, None]).states[0, -1].copy()
@@ -166,8 +167,11 @@ def measure(controller: MPPI, setting: Setting, repeats: int) -> dict[str, Any]:
         "evaluate_percent": round(100 * median(turn["evaluate"] / turn["plan"] for turn in turns), 2),
     }  # fmt: skip
     if alone is not None:
-        ratios = [turn["plan"] / turn["mujoco.rollout alone"] for turn in turns]
-        result["plan_over_rollout"] = {"median": round(median(ratios), 3), "least": round(min(ratios), 3)}
+        for name, over in (
+            ("plan_over_rollout", ("plan", ALONE)),
+            ("in_processor_time", ("plan, processors", ALONE_BUSY)),
+        ):
+            result[name] = round(median(turn[over[0]] / turn[over[1]] for turn in turns), 3)
         count = (setting.samples + 1) * (setting.horizon + 1)
         result["steps_per_s"] = round(count / median(turn["roll_out"] for turn in turns))
     return result
@@ -199,13 +203,17 @@ def main() -> None:
 
 def lines(results: Mapping[str, Any]) -> Sequence[str]:
     """Return the table: medians in ms."""
-    parts = ("plan", "mujoco.rollout alone", "sample", "roll_out", "evaluate", "value", "weigh", "rest")
-    head = f"{'ms, median':58s}" + "".join(f"{part:>10.10s}" for part in parts) + f"{'ratio':>8s}{'evaluate':>10s}"
-    found = [f"value: {results['value']}", head]
+    heads = {"plan": "plan", ALONE: "alone", "plan, processors": "plan, cpu", ALONE_BUSY: "alone, cpu"}
+    heads |= {part: part for part in ("sample", "roll_out", "evaluate", "value", "weigh", "rest")}
+    ratios = {"plan_over_rollout": "ratio", "in_processor_time": "ratio, cpu"}
+    found = [
+        f"value: {results['value']}; medians of {results['repeats']} turns in ms; alone: mujoco.rollout",
+        " " * 54 + "".join(f"{head:>11}" for head in (*heads.values(), *ratios.values(), "evaluate")),
+    ]
     for name, result in results["settings"].items():
-        cells = [f"{result['ms'][part]['median']:10.2f}" if part in result["ms"] else " " * 10 for part in parts]
-        ratio = f"{result['plan_over_rollout']['median']:8.3f}" if "plan_over_rollout" in result else " " * 8
-        found.append(f"{name:58s}{''.join(cells)}{ratio}{result['evaluate_percent']:8.1f} %")
+        cells = [f"{result['ms'][part]['median']:.2f}" if part in result["ms"] else "" for part in heads]
+        cells += [f"{result[ratio]:.3f}" if ratio in result else "" for ratio in ratios]
+        found.append(f"{name:54}" + "".join(f"{cell:>11}" for cell in (*cells, f"{result['evaluate_percent']:.1f} %")))
     return found
 
 
