@@ -1,5 +1,7 @@
 """A stage compiled as one function gives the plan that the same stage gives in NumPy, on MuJoCo's own rollouts."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from piaffe.sampling.engines import MjxEngine
 from piaffe.sampling.fused import FusedStage
 from piaffe.sampling.mppi import Rolled, softmax
 from piaffe.sampling.value import Layer, Network, ValueInputs
+from piaffe.sampling.value.fingerprint import fingerprint
 from piaffe.sampling.value.store import Value
 
 pytest.importorskip("mujoco.mjx")
@@ -42,10 +45,10 @@ def samples():
 
 def some_value(problem):
     """A network with random weights, of the usual inputs."""
-    nodes, rng = MPPI(problem, samples=1).nodes, np.random.default_rng(1)
-    inputs = ValueInputs.standard(nodes)
-    sizes = inputs.spec(nodes.mode)
-    m = sum(sizes.values())
+    controller, rng = TDCDMPPI(problem, samples=1), np.random.default_rng(1)
+    inputs = ValueInputs.standard(controller.nodes)
+    made_for = json.loads(json.dumps(fingerprint(controller.nodes, controller.reward, controller.options, inputs)))
+    m = sum(inputs.spec(controller.nodes.mode).values())
 
     def single(*shape):
         return rng.standard_normal(shape).astype(np.float32)
@@ -55,7 +58,7 @@ def some_value(problem):
         Layer(single(7, 5), single(5), *[single(5)] * 2),
     )
     network = Network(single(m), 1 + single(m) ** 2, layers, single(5), 0.3)
-    return Value(network, inputs, {"inputs": sizes, "discount": 0.9}, fall={"tilt": 0.5, "height": 0.15})
+    return Value(network, inputs, made_for, fall={"tilt": 0.5, "height": 0.15})
 
 
 def in_numpy(controller, start, samples, k):
