@@ -186,7 +186,7 @@ def main() -> None:
     given = parser.parse_args()
     declared = load_declared(given.file)
     file = given.value
-    if file is None and isinstance(declared.value, str) and (declared.path.parent / declared.value).exists():
+    if file is None and declared.value is not None and (declared.path.parent / declared.value).exists():
         file = declared.path.parent / declared.value
     settings = [*SETTINGS, *([ON_JAX] if given.mjx and find_spec("jax") else [])]
     results: dict[str, Any] = {

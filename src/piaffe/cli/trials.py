@@ -14,7 +14,6 @@ from piaffe.sampling.mppi import MPPI
 from piaffe.sampling.options import Options
 from piaffe.sampling.spread import Spread
 from piaffe.sampling.td_cd import TDCDMPPI
-from piaffe.sampling.value import load_value
 
 from .sampled import Declared
 
@@ -198,13 +197,9 @@ def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None
     own = {name: settings[name] for name in declared.settings if name in settings and name != "horizon"}
     problem = declared.problem(own, settings["horizon"])
     kind = CONTROLLERS[settings["controller"]]
-    options, path = options_of(declared, settings, threads), settings["value"]
-    if issubclass(kind, TDCDMPPI) and path is not None:
-        value = load_value(path)
-        controller: MPPI = kind(problem, options, reward=declared.reward, value=value)
-        value.check(controller, settings["allow"].replace(",", " ").split(), f"value '{path}'")
-    else:
-        controller = kind(problem, options, reward=declared.reward)
+    allow = settings["allow"].replace(",", " ").split()
+    extra = {"value": settings["value"], "allow": allow} if issubclass(kind, TDCDMPPI) else {}
+    controller = kind(problem, options_of(declared, settings, threads), reward=declared.reward, **extra)
     return Trial(controller, plant_of(controller.model, settings), settings, spread_of(settings, "settings"))
 
 
