@@ -6,18 +6,18 @@ from pathlib import Path
 
 import trot_mppi
 
-from piaffe import sampling
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
 
 collecting = CollectOptions(
-    shards=50,
+    shards=16,
+    rounds=3,
     episodes=20,
     episode_steps=50,
     horizon=8,
-    explore=sampling.Options(samples=256),
-    follow=sampling.Options(samples=256, p_max=trot_mppi.options.p_max),
+    explore=replace(trot_mppi.options, samples=256, sigma=1.0),
+    follow=replace(trot_mppi.options, samples=256),
 )
-learning = LearnOptions(updates=20_000)
+learning = LearnOptions(updates=12_000)
 problem = trot_mppi.sampled_problem()
 
 

@@ -35,7 +35,7 @@ terrains = {
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
 reward = sampling.Reward(scale=1.0)
-options = sampling.Options(samples=512, p_max=0.5)
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.1)
 value = Path(__file__).with_name("solo12_trot.value")  # made by train_value.py
 
 

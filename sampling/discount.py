@@ -52,7 +52,8 @@ class ConstraintDiscount:
 
     def of(self, violation: Array) -> Array:
         """Return δ of violations (nc, ...), of the shape of one row."""
-        return reduce.discount(violation, self.maxima, self.p_max)
+        steps = violation if violation.ndim == 3 else violation.reshape(len(violation), 1, -1)
+        return reduce.discount(steps, self.maxima, self.p_max).reshape(violation.shape[1:])
 
 
 def _shares(constraints: Sequence[str], p_max: float | Mapping[str, float]) -> Array:

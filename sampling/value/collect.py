@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -35,7 +36,9 @@ class CollectOptions:
     """Options of :func:`collect`. What a shard holds follows from these and its number alone.
 
     Args:
-        shards: how many.
+        shards: how many in each round.
+        rounds: of collecting and learning. In the first the controller has no value; in the others that of the rounds
+            before: where a planner overrates its value it goes there, and what it finds corrects it.
         explore_steps: steps of closed loop with ordinary MPPI per shard; its roll-outs are where episodes begin.
         episodes: episodes per shard.
         episode_steps: of each, unless it falls.
@@ -48,6 +51,7 @@ class CollectOptions:
     """
 
     shards: int = 50
+    rounds: int = 1
     explore_steps: int = 100
     episodes: int = 20
     episode_steps: int = 50
@@ -60,6 +64,7 @@ class CollectOptions:
     def __post_init__(self) -> None:
         least = {
             "shards": 1,
+            "rounds": 1,
             "explore_steps": 1,
             "episodes": 1,
             "episode_steps": 1,
@@ -114,11 +119,11 @@ class Actors:
     score: Callable[[Array, Array, int], tuple[Array, Array]]
 
     @classmethod
-    def of(cls, problem: Problem, options: CollectOptions, reward: Reward) -> Actors:
+    def of(cls, problem: Problem, options: CollectOptions, reward: Reward, value: Path | None = None) -> Actors:
         """Return those of a problem; the world is the planner's own model, as in the paper."""
         segment = problem.schedule.segments[0]
         schedule = segment.model.over(options.horizon * segment.dt, dt=segment.dt).without(*segment.excluded)
-        follow = TDCDMPPI(problem.with_schedule(schedule), options.follow, reward=reward)
+        follow = TDCDMPPI(problem.with_schedule(schedule), options.follow, reward=reward, value=value)
         explore = MPPI(problem.with_schedule(schedule), options.explore, reward=reward)
 
         def step(x: Array, u: Array) -> Array:
@@ -138,6 +143,7 @@ def collect(
     options: CollectOptions | None = None,
     *,
     reward: Reward | None = None,
+    value: Path | None = None,
     executor: Executor | None = None,
     listener: Listener | None = None,
 ) -> Dataset:
@@ -148,6 +154,7 @@ def collect(
         folder: where the dataset is.
         options: see :class:`CollectOptions`.
         reward: the planner's.
+        value: file of the value that the controller which is followed already has; none at first.
         executor: of ``concurrent.futures``, makes shards side by side; here one after the other without.
         listener: called after every shard.
 
@@ -156,13 +163,13 @@ def collect(
     """
     options, reward = options or CollectOptions(), reward or Reward()
     here = problem() if callable(problem) else problem
-    dataset = Dataset(folder, made_for(here, options, reward), options.shards)
+    dataset = Dataset(folder, made_for(here, options, reward, value), options.shards)
     total, missing = options.shards, dataset.missing
     done = total - len(missing)
     if listener is not None:
         listener(done, total)
     if executor is None:
-        actors = Actors.of(here, options, reward) if missing else None
+        actors = Actors.of(here, options, reward, value) if missing else None
         for shard in missing:
             assert actors is not None
             dataset.write(shard, make_shard(actors, options, shard))
@@ -175,7 +182,7 @@ def collect(
             "collect: a problem cannot be sent to other processes - got a Problem with an executor, expected a "
             "function at the top of a module that returns it; pass that function"
         )
-    futures = {executor.submit(_task, problem, options, reward, shard): shard for shard in missing}
+    futures = {executor.submit(_task, problem, options, reward, value, shard): shard for shard in missing}
     try:
         for future in as_completed(futures):
             dataset.write(futures[future], future.result())
@@ -189,11 +196,14 @@ def collect(
     return dataset
 
 
-def made_for(problem: Problem, options: CollectOptions, reward: Reward) -> dict[str, Any]:
+def made_for(
+    problem: Problem, options: CollectOptions, reward: Reward, value: Path | None = None
+) -> dict[str, Any]:
     """Return what a dataset is of; the number of shards is no part of it, nor how costs and inputs are used."""
     nodes = Nodes(problem)
     entries = fingerprint(nodes, reward, options.follow, ValueInputs.standard(nodes))
-    settings = {name: value for name, value in plain(options).items() if name not in ("shards", "kind")}
+    settings = {name: value for name, value in plain(options).items() if name not in ("shards", "rounds", "kind")}
+    settings["value"] = None if value is None else sha256(value.read_bytes()).hexdigest()
     made = {"of": entries, "simulator": simulator_of(nodes.model), "options": settings}
     return {**made, "constraints": list(constraints_of(nodes))}
 
@@ -212,12 +222,14 @@ def constraints_of(nodes: Nodes) -> tuple[str, ...]:
 _ACTORS: dict[str, Actors] = {}
 
 
-def _task(make: Callable[[], Problem], options: CollectOptions, reward: Reward, shard: int) -> Records:
+def _task(
+    make: Callable[[], Problem], options: CollectOptions, reward: Reward, value: Path | None, shard: int
+) -> Records:
     """Make a shard in another process; controllers are kept there for the next one."""
-    key = f"{make!r} {options!r} {reward!r}"
+    key = f"{make!r} {options!r} {reward!r} {value!r}"
     if key not in _ACTORS:
         _ACTORS.clear()
-        _ACTORS[key] = Actors.of(make(), options, reward)
+        _ACTORS[key] = Actors.of(make(), options, reward, value)
     return make_shard(_ACTORS[key], options, shard)
 
 

@@ -55,6 +55,12 @@ class Records:
     def __len__(self) -> int:
         return len(self.cost)
 
+    def joined(self, more: Records) -> Records:
+        """Return these records and more of the same, their episodes counted on."""
+        columns = {name: np.concatenate([ours, vars(more)[name]]) for name, ours in vars(self).items()}
+        columns["episode"][len(self) :] += int(self.episode.max()) + 1
+        return Records(**columns)
+
     def c_max(self, floor: float) -> Array:
         """Return the frozen c_max of every row, (nc,): the mean peak, which the planner's moving maximum hovers about.
 

@@ -6,7 +6,8 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,11 @@ from piaffe.ocp.nodes import Nodes
 from ..reward import Reward
 from .collect import CollectOptions, collect, constraints_of, simulator_of
 from .fingerprint import fingerprint, plain
+from .dataset import Records
 from .inputs import ValueInputs
 from .options import LearnOptions
 from .store import Precision, Value, load_value
+from .transitions import Transitions
 
 Step = Callable[[str, int, int], None]
 
@@ -43,7 +46,7 @@ def train_value(
 ) -> Value:
     """Learn the value function of the constraint-discounted controller on a problem, and write it to a file.
 
-    Three stages, as published: ordinary MPPI finds states that sampled roll-outs come to; the controller goes on from
+    Three stages, as published, in as many rounds as asked for: ordinary MPPI finds states that sampled roll-outs come to; the controller goes on from
     each of them; TD(0) learns from what it did. A run that is cut off goes on where it was when it is started again.
 
     Args:
@@ -75,21 +78,40 @@ def train_value(
     learn = _learner()
     target = Path(out)
     folder = Path(work) if work is not None else target.with_suffix(".work")
+    nodes = Nodes(problem() if callable(problem) else problem)
+    inputs = inputs or ValueInputs.standard(nodes)
+    made = fingerprint(nodes, reward, collecting.follow, inputs)
+    records: Records | None = None
+    value: Value | None = None
+    kept: Path | None = None
     with _bars(progress) as step:
-        dataset = collect(
-            problem, folder / "data", collecting, reward=reward, executor=executor,
-            listener=lambda done, total: step("collecting, shards", done, total),
-        )  # fmt: skip
-        records = dataset.load()
-        nodes = Nodes(problem() if callable(problem) else problem)
-        inputs = inputs or ValueInputs.standard(nodes)
-        constraints = constraints_of(nodes)
-        transitions = records.transitions(inputs.bind(nodes), constraints, reward, collecting.follow)
-        learned = learn(
-            transitions, learning, checkpoints=folder / "checkpoints",
-            listener=lambda done, total, _: step("learning, minibatches", done, total),
-        )  # fmt: skip
-    record = {
+        for number in range(collecting.rounds):
+            stage = f"round {number + 1}: " if collecting.rounds > 1 else ""
+            place = folder / f"round-{number}"
+            dataset = collect(
+                problem, place / "data", replace(collecting, seed=collecting.seed + number), reward=reward, value=kept,
+                executor=executor, listener=partial(step, f"{stage}collecting, shards"),
+            )  # fmt: skip
+            records = dataset.load() if records is None else records.joined(dataset.load())
+            kept = place / "learnt.value"
+            transitions = records.transitions(inputs.bind(nodes), constraints_of(nodes), reward, collecting.follow)
+            learned = learn(
+                transitions, learning, checkpoints=place / "checkpoints",
+                listener=lambda done, total, _, stage=stage: step(f"{stage}learning, minibatches", done, total),
+            )  # fmt: skip
+            record = _record(collecting, learning, nodes, records, transitions, learned)
+            value = Value(learned.network, inputs, made, record, _fall(nodes))
+            value.save(kept)
+    assert value is not None
+    return load_value(value.save(target, precision), features=inputs.features)
+
+
+def _record(
+    collecting: CollectOptions, learning: LearnOptions, nodes: Nodes, records: Records, transitions: Transitions,
+    learned: Any,
+) -> dict[str, Any]:  # fmt: skip
+    """Return how a value came about, as JSON-able values."""
+    return {
         "command": " ".join(sys.argv),
         "collecting": plain(collecting),
         "learning": plain(asdict(learning)),
@@ -99,13 +121,10 @@ def train_value(
         "falls": int(records.done.sum()),
         "mean_reward": plain(transitions.rewards.mean()),
         "mean_delta": plain(transitions.delta.mean()),
-        "constraints": list(constraints),
+        "constraints": list(constraints_of(nodes)),
         "c_max": plain(records.c_max(collecting.follow.violation_floor)),
         "curves": {name: [plain(v) for v in np.asarray(values).tolist()] for name, values in learned.curves.items()},
     }
-    made_for = fingerprint(nodes, reward, collecting.follow, inputs)
-    value = Value(learned.network, inputs, made_for, record, _fall(nodes))
-    return load_value(value.save(target, precision), features=inputs.features)
 
 
 def _learner() -> Any:

@@ -18,9 +18,7 @@ def trot():
         ocp.track(base.orientation, weight=1.0),
         ocp.track(feet.height, weight=80.0),
     )
-    limits = ocp.Constraints(
-        models.joint_range("HAA", 0.05, scale=0.05), models.base_height(maximum=0.23, scale=0.23)
-    )
+    limits = ocp.Constraints(models.joint_range("HAA", 0.05, scale=0.05), models.base_height(maximum=0.23, scale=0.23))
     motion = models.gaits.trot(speed=0.3)
     return ocp.Problem(
         motion, simulated.over(4 * DT, dt=DT), objective, limits, initial=simulated.state(joints="stand")
