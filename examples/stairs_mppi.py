@@ -1,6 +1,7 @@
 """Solo12 climbs three steps of 4 cm, or a slope, by TD-CD-MPPI with a value that was learned on flat ground alone."""
 
 import argparse
+
 import trot_mppi
 
 from piaffe import sampling

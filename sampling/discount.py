@@ -31,24 +31,24 @@ class ConstraintDiscount:
     def __init__(self, constraints: Sequence[str], options: Options) -> None:
         self.p_max = _shares(constraints, options.p_max)
         self._rate, self._floor = options.violation_rate, options.violation_floor
-        self._moving: Array | None = None
+        self.moving: Array | None = None
 
     @property
     def maxima(self) -> Array:
         """c_max of every row, (nc,)."""
-        moving = np.zeros(len(self.p_max)) if self._moving is None else self._moving
+        moving = np.zeros(len(self.p_max)) if self.moving is None else self.moving
         return np.maximum(moving, self._floor)
 
     def reset(self, maxima: Array | None = None) -> None:
         """Forget the maxima, or set them, (nc,)."""
-        self._moving = None if maxima is None else np.array(maxima, dtype=float)
+        self.moving = None if maxima is None else np.array(maxima, dtype=float)
 
     def follow(self, largest: Array) -> None:
         """Let the maxima follow those of a batch, (nc,)."""
-        if self._moving is None:
-            self._moving = np.array(largest, dtype=float)
+        if self.moving is None:
+            self.moving = np.array(largest, dtype=float)
         else:
-            self._moving += self._rate * (largest - self._moving)
+            self.moving += self._rate * (largest - self.moving)
 
     def of(self, violation: Array) -> Array:
         """Return δ of violations (nc, ...), of the shape of one row."""

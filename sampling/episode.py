@@ -173,8 +173,8 @@ def _lag(controller: MPPI, plant: Any, latency: float) -> int:
             f"episode: plant '{plant.name}' has another control step - got {plant.dt:g} s, expected {controller.dt:g} "
             "s; make it with model.as_plant()"
         )
-    lag = round(latency / plant.timestep)
-    if not 0 <= lag <= plant.substeps:
+    lag = round(latency / float(plant.timestep))
+    if not 0 <= lag <= int(plant.substeps):
         raise SamplingError(
             f"episode: latency is out of range - got {latency:g} s, expected 0 to {controller.dt:g} s, a control step; "
             "change it"
@@ -196,7 +196,7 @@ def _episode(
     ahead = way / commanded if commanded > 0 else np.zeros(2)
     covered = states[-1, where][:2] - states[0, where][:2]
     return Episode(
-        times=(k0 + np.arange(count + 1)) * controller.dt,
+        times=np.asarray((k0 + np.arange(count + 1)) * controller.dt, dtype=float),
         states=states,
         actions=actions,
         cost=cost[0].copy(),

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError, ShapeError
-from piaffe.models import joints
+from piaffe.models import Mujoco, joints
 from piaffe.ocp import Problem
 from piaffe.ocp.nodes import NodeNumbers, Nodes
 from piaffe.ocp.timeline import whole_steps
@@ -23,6 +24,9 @@ from .options import Options
 from .plan import Plan
 from .reward import Reward
 from .spline import Spline
+
+if TYPE_CHECKING:
+    from .fused import FusedStage
 
 Array = NDArray[np.float64]
 
@@ -59,13 +63,13 @@ class MPPI:
         self.options = replace(options or self.defaults, **changed)
         self.problem, self.reward = problem, reward or Reward()
         self.nodes = Nodes(problem)
-        self.model: Any = self.nodes.model
+        self.model = _simulated(problem)
         self.dt = self.nodes.dt
         self.steps = _horizon(problem, self.dt)
         self.spline = Spline(self.options.knots, self.steps)
         self.engine = engine_for(self.model, self.options.engine, threads=self.options.threads)
-        scored = "jax" if self.options.engine == "mjx" else "native"
-        self.evaluator = evaluator(self.nodes.mode, scored, threads=self.options.threads)
+        on_device = self.options.engine == "mjx"
+        self.evaluator = evaluator(self.nodes.mode, "jax" if on_device else "native", threads=self.options.threads)
         self.constraints = self.evaluator.constraints(self.nodes.terms)
         self._centre = 0.5 * (self.model.action.upper + self.model.action.lower)
         self._half = 0.5 * (self.model.action.upper - self.model.action.lower)
@@ -130,7 +134,8 @@ class MPPI:
     def _last(self, states: Array, k: int) -> Array:
         """Return the cost of terms ``at="end"``, (n,)."""
         end = self.nodes.end(k)
-        return self.evaluator.terminal(states, end.p[0], end.weight[0], end.g_mask[0], end.h_mask[0])[0]
+        cost: Array = self.evaluator.terminal(states, end.p[0], end.weight[0], end.g_mask[0], end.h_mask[0])[0]
+        return cost
 
     # ---- one stage
 
@@ -140,6 +145,8 @@ class MPPI:
         """Return the plan after one stage, and what it was made from."""
         began = time.perf_counter()
         samples = self._perturbed(nodes, sigma)
+        if self.options.engine == "mjx":
+            return self._stage_on_device(start, samples, k, numbers, seconds, _lap(seconds, "sample", began))
         controls = self._controls(samples)
         began = _lap(seconds, "sample", began)
         rollouts = self.engine.rollout(start, controls)
@@ -155,6 +162,30 @@ class MPPI:
         mean = np.einsum("n,njc->jc", rolled.weights, samples)
         _lap(seconds, "weigh", began)
         return mean, rolled
+
+    def _stage_on_device(
+        self, start: Array, samples: Array, k: int, numbers: NodeNumbers, seconds: dict[str, float], began: float
+    ) -> tuple[Array, Rolled]:
+        """Return the same, from one function on the device; its parts cannot be timed, so all of it is ``roll_out``."""
+        staged = self._fused(start, samples, k, numbers, self._moving_maxima())
+        self._set_maxima(np.array(staged.maxima))
+        fields = (staged.states, staged.cost, staged.violation, staged.failed, staged.returns, staged.weights)
+        states, cost, violation, failed, returns, weights = (np.array(each) for each in fields)
+        _lap(seconds, "roll_out", began)
+        return np.array(staged.nodes), Rolled(k, states, cost, None, violation, failed, returns, weights)
+
+    @cached_property
+    def _fused(self) -> FusedStage:
+        from .fused import FusedStage  # it knows values, whose learning imports this module
+
+        return FusedStage(self, spread=_SPREAD)
+
+    def _moving_maxima(self) -> Array | None:
+        """Return the moving maxima of the violations, (nc,), for those who discount them."""
+        return None
+
+    def _set_maxima(self, maxima: Array) -> None:
+        """Take over the moving maxima from a stage."""
 
     def _perturbed(self, nodes: Array, sigma: Array) -> Array:
         """Return N perturbed plans and the plan itself, (N + 1, knots + 1, nu); node 0 is being applied."""
@@ -177,13 +208,9 @@ class MPPI:
     def _valid(self, returns: Array, failed: NDArray[np.bool_]) -> Array:
         """Return returns with the worst one in place of those that are not finite."""
         failed |= ~np.isfinite(returns)
-        if not failed.any():
-            return returns
-        return (
-            np.where(failed, np.min(returns, where=~failed, initial=np.inf), returns)
-            if not failed.all()
-            else 0 * failed
-        )
+        if failed.all():
+            return np.zeros(len(returns))
+        return np.asarray(np.where(failed, np.min(returns[~failed]), returns), dtype=float)
 
     # ---- from plan to plan
 
@@ -290,6 +317,17 @@ def _lap(seconds: dict[str, float], part: str, began: float) -> float:
     now = time.perf_counter()
     seconds[part] += now - began
     return now
+
+
+def _simulated(problem: Problem) -> Mujoco:
+    """Return the MuJoCo model that a problem is scheduled on."""
+    segment = problem.schedule.segments[0]
+    if not isinstance(segment.model, Mujoco):
+        raise SamplingError(
+            f"schedule ({segment.source}): its model cannot be rolled out - got {type(segment.model).__name__} "
+            f"'{segment.model.name}', expected models.Mujoco(robot); schedule one"
+        )
+    return segment.model
 
 
 def _horizon(problem: Problem, dt: float) -> int:

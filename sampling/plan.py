@@ -26,7 +26,7 @@ class Plan:
         states: of the roll-outs, (n, H + 2, nx). They are overwritten by the next plan; copy what is to be kept.
         cost: running cost of the roll-outs, (n, H + 1); overwritten likewise.
         violation: violations of the rows of constraints, (nc, n, H + 1); overwritten likewise.
-        missed: mean violation of each constraint over the roll-outs by weight and over the steps, its worst row in each.
+        missed: mean violation of each constraint over roll-outs (by weight) and steps, of its worst row in each.
         seconds: how long the parts of this plan took: ``sample``, ``roll_out``, ``evaluate``, ``value``, ``weigh``.
     """
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from piaffe.ocp import Problem
 from piaffe.ocp.nodes import Nodes
 
-from .dial import DIAL
 from . import reduce
+from .dial import DIAL
 from .discount import ConstraintDiscount, discounted_return
 from .mppi import Rolled
 from .options import Options
@@ -95,3 +95,9 @@ class TDCDMPPI(DIAL):
         elif rolled.last is not None:
             value = self.reward(rolled.last)
         return discounted_return(self.reward(rolled.cost), delta, self.options.discount, value)
+
+    def _moving_maxima(self) -> Array | None:
+        return self.discount.moving
+
+    def _set_maxima(self, maxima: Array) -> None:
+        self.discount.reset(maxima)

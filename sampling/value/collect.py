@@ -196,9 +196,7 @@ def collect(
     return dataset
 
 
-def made_for(
-    problem: Problem, options: CollectOptions, reward: Reward, value: Path | None = None
-) -> dict[str, Any]:
+def made_for(problem: Problem, options: CollectOptions, reward: Reward, value: Path | None = None) -> dict[str, Any]:
     """Return what a dataset is of; the number of shards is no part of it, nor how costs and inputs are used."""
     nodes = Nodes(problem)
     entries = fingerprint(nodes, reward, options.follow, ValueInputs.standard(nodes))

@@ -21,8 +21,8 @@ from piaffe.ocp.nodes import Nodes
 
 from ..reward import Reward
 from .collect import CollectOptions, collect, constraints_of, simulator_of
-from .fingerprint import fingerprint, plain
 from .dataset import Records
+from .fingerprint import fingerprint, plain
 from .inputs import ValueInputs
 from .options import LearnOptions
 from .store import Precision, Value, load_value
@@ -46,8 +46,9 @@ def train_value(
 ) -> Value:
     """Learn the value function of the constraint-discounted controller on a problem, and write it to a file.
 
-    Three stages, as published, in as many rounds as asked for: ordinary MPPI finds states that sampled roll-outs come to; the controller goes on from
-    each of them; TD(0) learns from what it did. A run that is cut off goes on where it was when it is started again.
+    Three stages, as published, in as many rounds as asked for: ordinary MPPI finds states that sampled roll-outs come to;
+    the controller goes on from each of them; TD(0) learns from what it did. A run that is cut off goes on where it was
+    when it is started again.
 
     Args:
         problem: the declaration; with an executor a function that returns it, importable there.

@@ -158,6 +158,14 @@ def test_a_model_with_derivatives_is_not_sampled(trot):
         sampling.MPPI(other)
 
 
+def test_a_model_that_is_no_simulator_is_not_sampled(trot):
+    small = models.SingleRigidBody(models.load("solo12"))
+    objective = ocp.Objective(ocp.track(base.linear_velocity), ocp.regularize(feet.force, weight=1e-3))
+    other = ocp.Problem(trot.motion, small.over(0.08, dt=DT), objective, initial=small.state())
+    with pytest.raises(SamplingError, match="its model cannot be rolled out - got SingleRigidBody"):
+        sampling.MPPI(other)
+
+
 @pytest.mark.parametrize(
     ("state", "error", "says"),
     [
