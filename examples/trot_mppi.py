@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import casadi as cs
+
 from piaffe import models, ocp, sampling, solvers
 from piaffe.models import base, feet, joints
 
@@ -39,11 +41,24 @@ options = sampling.Options(samples=512, sigma=0.5, p_max=0.1)
 value = Path(__file__).with_name("solo12_trot.value")  # made by train_value.py
 
 
-def sampled_problem(terrain: str = "flat", horizon: int = 8) -> ocp.Problem:
-    """Return the same trot on a terrain, with a horizon in steps of 20 ms."""
+@ocp.residual
+def wide(s):
+    """How far hips go beyond their limit, as a penalty [rad]."""
+    return cs.fmax(cs.fabs(s.joints.position["HAA"]) - HIP_LIMIT, 0)
+
+
+@ocp.residual
+def high(s):
+    """How far the base goes beyond its limit, as a penalty [m]."""
+    return cs.fmax(s.base.height - HEIGHT_LIMIT, 0)
+
+
+def sampled_problem(terrain: str = "flat", horizon: int = 8, penalties: bool = False) -> ocp.Problem:
+    """Return the same trot on a terrain, with a horizon in steps of 20 ms; with penalties beside its limits if asked."""
     targets = models.joint_targets(centre=tall, half_range={"HAA": 0.4, "HFE": 0.5, "KFE": 0.7})
     plant = models.Mujoco(robot, terrain=terrains[terrain], action=targets)
-    return ocp.Problem(trot, plant.over(0.02 * horizon, dt=0.02), objective, limits, initial=start)
+    aims = objective + wide.weighted(80.0) + high.weighted(1500.0) if penalties else objective
+    return ocp.Problem(trot, plant.over(0.02 * horizon, dt=0.02), aims, limits, initial=start)
 
 
 def main(steps: int = 400) -> float:
