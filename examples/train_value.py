@@ -9,15 +9,15 @@ import trot_mppi
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
 
 collecting = CollectOptions(
-    shards=16,
-    rounds=3,
-    episodes=20,
-    episode_steps=50,
+    shards=20,
+    rounds=2,
+    episodes=60,  # many and short: what counts is how perturbed states go on
+    episode_steps=16,
     horizon=8,
-    explore=replace(trot_mppi.options, samples=256, sigma=1.0),
-    follow=replace(trot_mppi.options, samples=256),
+    explore=replace(trot_mppi.options, samples=256),
+    follow=replace(trot_mppi.options, samples=256, first_stages=3),
 )
-learning = LearnOptions(updates=12_000)
+learning = LearnOptions(updates=15_000)
 problem = trot_mppi.sampled_problem()
 
 
