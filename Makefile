@@ -80,6 +80,7 @@ bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/cascade.py --save
 	$(VENV)-bench/bin/python benchmarks/scaling.py --save
 	$(VENV)-bench/bin/python benchmarks/cold_start.py --save
+	$(VENV)-bench/bin/python benchmarks/contacts.py --save
 	$(VENV)-bench/bin/python benchmarks/figures.py
 
 sanitize: $(VENV)/dev.stamp

@@ -1,18 +1,27 @@
 """Robots, their dynamics as CasADi models, gaits and the constraints that go with legs."""
 
 from . import gaits as gaits
+from . import terrain as terrain
+from .action import BoundAction as BoundAction
+from .action import joint_targets as joint_targets
+from .action import torques as torques
 from .constraints import base_height as base_height
 from .constraints import foot_clearance as foot_clearance
 from .constraints import friction_cone as friction_cone
 from .constraints import joint_limits as joint_limits
+from .constraints import joint_range as joint_range
 from .constraints import joint_speed_limits as joint_speed_limits
 from .constraints import torque_limits as torque_limits
 from .doctor import diagnose as diagnose
 from .doctor_urdf import Finding as Finding
 from .kinematics import Kinematics as Kinematics
 from .loaders import load as load
+from .mujoco_model import Fall as Fall
+from .mujoco_model import Mujoco as Mujoco
 from .mujoco_scene import mujoco_model as mujoco_model
 from .mujoco_scene import mujoco_spec as mujoco_spec
+from .payload import Payload as Payload
+from .payload import payload as payload
 from .quantities import base as base
 from .quantities import com as com
 from .quantities import feet as feet
@@ -23,6 +32,7 @@ from .recipes import robot_from_recipe as robot_from_recipe
 from .robot import Foot as Foot
 from .robot import Robot as Robot
 from .single_rigid_body import SingleRigidBody as SingleRigidBody
+from .soft_contact import SoftContact as SoftContact
 from .stance import Stance as Stance
 from .stance import stance as stance
 from .whole_body import WholeBody as WholeBody

@@ -7,12 +7,14 @@ and labels stand at module level so that two constraints of one kind share their
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as cs
 import numpy as np
 
 from piaffe.errors import ProblemError
+from piaffe.ocp.quantity import match_labels
 from piaffe.ocp.term import When, inequality
 
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
@@ -78,9 +80,43 @@ def joint_speed_limits(fraction: float = 1.0) -> Any:
     )
 
 
-def base_height(minimum: float) -> Any:
-    """Keep the base's origin at least ``minimum`` above z = 0 [m]."""
-    return inequality(_height, name="base height", unit="m", lower=minimum, labels=_base)
+def joint_range(
+    joints: str,
+    limit: float | None = None,
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    scale: float = 1.0,
+) -> Any:
+    """Keep the angles of some joints within a range of one's own [rad].
+
+    Args:
+        joints: which, by label: ``"HAA"`` for that joint of every leg, ``"FL"`` for every joint of that leg, or a name.
+        limit: |q| ≤ limit [rad]; or give bounds:
+        lower: smallest angle [rad].
+        upper: largest angle [rad].
+        scale: what a violation is divided by in reports [rad].
+    """
+    if limit is not None:
+        _require("joint_range", "limit", limit, lambda value: value >= 0, "a number ≥ 0 [rad]")
+        lower, upper = -limit, limit
+    _require_bound("joint_range", "limit, lower or upper", lower, upper)
+    return inequality(
+        _SomeJoints(joints), name=f"{joints} range", unit="rad", lower=lower, upper=upper, scale=scale,
+        labels=_SomeNames(joints),
+    )  # fmt: skip
+
+
+def base_height(minimum: float | None = None, *, maximum: float | None = None, scale: float = 1.0) -> Any:
+    """Keep ``base.height``, that of the base's origin above the terrain below the feet, within bounds [m].
+
+    Args:
+        minimum: smallest height [m]; None for none.
+        maximum: largest height [m]; None for none.
+        scale: what a violation is divided by in reports [m].
+    """
+    _require_bound("base_height", "minimum or maximum", minimum, maximum)
+    return inequality(_height, name="base height", unit="m", lower=minimum, upper=maximum, scale=scale, labels=_base)
 
 
 def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
@@ -103,6 +139,27 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
 
 
 # ---- rows
+
+
+@dataclass(frozen=True)
+class _SomeJoints:
+    """The angles of the joints that a label names; equal for equal labels, so that constraints share their code."""
+
+    label: str
+
+    def __call__(self, s: Any) -> Any:
+        return s.joints.position[self.label]
+
+
+@dataclass(frozen=True)
+class _SomeNames:
+    """Their names."""
+
+    label: str
+
+    def __call__(self, model: Any) -> tuple[str, ...]:
+        names: tuple[str, ...] = model.robot.joint_names
+        return tuple(names[i] for i in match_labels(names, self.label, f"robot '{model.robot.name}'"))
 
 
 def _pyramid(s: Any, mu: cs.SX) -> cs.SX:
@@ -128,7 +185,7 @@ def _speed(s: Any) -> Any:
 
 
 def _height(s: Any) -> Any:
-    return s.base.position[2]
+    return s.base.height
 
 
 def _foot_height(s: Any) -> Any:
@@ -160,3 +217,8 @@ def _base(model: Any) -> tuple[str, ...]:
 def _require(where: str, what: str, got: Any, holds: Callable[[float], bool], expected: str) -> None:
     if not isinstance(got, int | float | np.number) or not holds(float(got)):
         raise ProblemError(f"{where}: {what} is out of range - got {got!r}, expected {expected}; change it")
+
+
+def _require_bound(where: str, what: str, lower: float | None, upper: float | None) -> None:
+    if lower is None and upper is None:
+        raise ProblemError(f"{where}: no bound - got none, expected {what}; give one")

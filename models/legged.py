@@ -22,6 +22,7 @@ from .quantities import base
 from .recipes import robot_recipe
 from .robot import Robot
 from .stance import Stance, stance
+from .terrain import Terrain
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ class LeggedModel(ModelBase):
         control: its control space.
         slots: its parameters and their defaults.
         cut_by_modes: whether a change of contacts begins a new phase.
+        terrain: what its states are placed on; level ground at z = 0 by default.
     """
 
     state: RobotState
@@ -62,11 +64,12 @@ class LeggedModel(ModelBase):
         *,
         slots: Mapping[str, Any],
         cut_by_modes: bool = True,
+        terrain: Terrain | None = None,
     ) -> None:
         fixed = tuple(
             Slot(key, np.size(value), tuple(np.ravel(value).astype(float).tolist())) for key, value in slots.items()
         )
-        super().__init__(name, RobotState(state, robot), control, slots=fixed, cut_by_modes=cut_by_modes)
+        super().__init__(name, RobotState(state, robot, terrain), control, slots=fixed, cut_by_modes=cut_by_modes)
         self.robot = robot
 
     def __repr__(self) -> str:

@@ -6,6 +6,7 @@ imported when a scene is made.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -14,8 +15,11 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
 
-from .mujoco_look import FLOOR, draw, import_mujoco, quaternion, scale, stage
+from .action import BoundAction
+from .mujoco_hull import add_hull
+from .mujoco_look import draw, import_mujoco, quaternion, scale, stage
 from .robot import ROOT, Robot
+from .terrain import Flat, Terrain
 
 Array = NDArray[np.float64]
 Contacts = Literal["none", "feet", "all"]
@@ -33,6 +37,10 @@ def mujoco_spec(
     joint_limits: bool = True,
     visuals: bool = True,
     meshes: bool = True,
+    terrain: Terrain | None = None,
+    action: BoundAction | None = None,
+    surface: Mapping[str, Any] | None = None,
+    hull: bool = False,
 ) -> Any:
     """Return an editable ``mujoco.MjSpec`` of the robot on a floor.
 
@@ -51,6 +59,10 @@ def mujoco_spec(
         joint_limits: stop joints at their limits.
         visuals: draw the robot, with lights and a camera that follows it.
         meshes: draw meshes where the URDF has them; else capsules between the joints.
+        terrain: the ground; level at z = 0 by default.
+        action: what the actuators' controls are; torques by default.
+        surface: options of the robot's geoms in place of ``friction``.
+        hull: let a box for the base and balls at the knees touch the ground, too.
     """
     mujoco = import_mujoco()
     spec = mujoco.MjSpec()
@@ -61,9 +73,15 @@ def mujoco_spec(
     spec.option.gravity = robot.model.gravity.linear
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     bodies = _add_bodies(mujoco, spec, robot, joint_limits)
-    _add_floor(mujoco, spec, contacts, friction)
-    _add_feet(mujoco, robot, bodies, contacts, friction)
-    _add_actuators(mujoco, spec, robot)
+    _add_floor(spec, contacts, friction, terrain or Flat())
+    surface = surface or {"priority": 1, "friction": _slide(friction)}
+    _add_feet(mujoco, robot, bodies, contacts, surface)
+    if hull:
+        add_hull(robot, bodies, surface)
+    if action is None:
+        _add_motors(mujoco, spec, robot)
+    else:
+        action.add_to(spec, robot)
     if visuals:
         draw(spec, bodies, robot, meshes=meshes, collide=contacts == "all")
         stage(spec, bodies[ROOT], size=scale(robot))
@@ -72,8 +90,17 @@ def mujoco_spec(
 
 def mujoco_model(robot: Robot, **options: Any) -> Any:
     """Return the compiled ``mujoco.MjModel`` of :func:`mujoco_spec`."""
+    return compile_spec(mujoco_spec(robot, **options), robot)
+
+
+def compile_spec(spec: Any, robot: Robot) -> Any:
+    """Return the compiled ``mujoco.MjModel`` of a spec, with the robot's exact inertias.
+
+    Raises:
+        ModelError: MuJoCo refuses the spec, or orders the joints differently.
+    """
     try:
-        model = mujoco_spec(robot, **options).compile()
+        model = spec.compile()
     except ValueError as error:
         raise ModelError(
             f"robot '{robot.name}': MuJoCo refuses it - got '{error}', expected a model that compiles; see what "
@@ -148,7 +175,7 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
     return bodies
 
 
-def _add_actuators(mujoco: Any, spec: Any, robot: Robot) -> None:
+def _add_motors(mujoco: Any, spec: Any, robot: Robot) -> None:
     """Add a torque per joint, in state order."""
     for name, limit in zip(robot.joint_names, robot.torque_limit, strict=True):
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -158,8 +185,10 @@ def _add_actuators(mujoco: Any, spec: Any, robot: Robot) -> None:
             motor.ctrlrange = (-limit, limit)
 
 
-def _add_feet(mujoco: Any, robot: Robot, bodies: dict[int, Any], contacts: Contacts, friction: float) -> None:
-    """Add a ball and a site at every foot, both with the foot's name; the ball's friction is the contact's."""
+def _add_feet(
+    mujoco: Any, robot: Robot, bodies: dict[int, Any], contacts: Contacts, surface: Mapping[str, Any]
+) -> None:
+    """Add a ball and a site at every foot, both with the foot's name; the ball's surface is the contact's."""
     for foot in robot.feet:
         frame = robot.model.frames[robot.frame_id(foot.frame)]
         body = bodies[frame.parentJoint]
@@ -174,19 +203,15 @@ def _add_feet(mujoco: Any, robot: Robot, bodies: dict[int, Any], contacts: Conta
             rgba=(0.06, 0.06, 0.07, 1),
             contype=0,
             conaffinity=0 if contacts == "none" else 1,
-            priority=1,
-            friction=(friction, 0.005, 0.0001),
+            **surface,
         )
         body.add_site(name=foot.name, pos=place, size=(radius,) * 3, group=FOOT_GROUP)
 
 
-def _add_floor(mujoco: Any, spec: Any, contacts: Contacts, friction: float) -> None:
-    spec.worldbody.add_geom(
-        name=FLOOR,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=(0, 0, 0.05),
-        contype=0 if contacts == "none" else 1,
-        conaffinity=0,
-        condim=3,
-        friction=(friction, 0.005, 0.0001),
-    )
+def _add_floor(spec: Any, contacts: Contacts, friction: float, terrain: Terrain) -> None:
+    terrain.add_to(spec, contype=0 if contacts == "none" else 1, conaffinity=0, condim=3, friction=_slide(friction))
+
+
+def _slide(friction: float) -> tuple[float, float, float]:
+    """Return MuJoCo's three coefficients for sliding friction."""
+    return (friction, 0.005, 0.0001)

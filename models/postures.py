@@ -16,9 +16,11 @@ from piaffe.ocp.quantity import Quantity
 from . import quantities
 from .quantities import base, com, feet, momentum
 from .robot import Robot, to_pinocchio
+from .terrain import Flat, Terrain
 
 Array = NDArray[np.float64]
 XYZ = ("x", "y", "z")
+HEIGHT = ("z",)
 SHORT_NAMES = {
     "position": base.position,
     "rpy": base.orientation,
@@ -39,7 +41,9 @@ def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
     joints, stacked = quantities.joints, foot_labels(robot)
     return {
         **dict.fromkeys([base.position, base.orientation, base.linear_velocity, base.angular_velocity], XYZ),
-        **dict.fromkeys([joints.position, joints.velocity, joints.acceleration, joints.torque], robot.joint_names),
+        base.height: HEIGHT,
+        **dict.fromkeys([joints.position, joints.velocity, joints.acceleration], robot.joint_names),
+        **dict.fromkeys([joints.torque, joints.target], robot.joint_names),
         **dict.fromkeys([feet.position, feet.velocity, feet.force], stacked),
         feet.height: robot.foot_names,
         **dict.fromkeys([com.position, com.velocity, momentum], XYZ),
@@ -90,13 +94,16 @@ class RobotState(Manifold):
     Args:
         blocks: the parts of the state, among those that keyframes name.
         robot: the robot.
+        terrain: what it stands on; level ground at z = 0 by default.
     """
 
     robot: Robot
+    terrain: Terrain
 
-    def __init__(self, blocks: tuple[Block, ...], robot: Robot) -> None:
+    def __init__(self, blocks: tuple[Block, ...], robot: Robot, terrain: Terrain | None = None) -> None:
         super().__init__(blocks)
         object.__setattr__(self, "robot", robot)
+        object.__setattr__(self, "terrain", terrain or Flat())
 
     def __eq__(self, other: object) -> bool:
         return self.blocks == other.blocks if isinstance(other, Manifold) else NotImplemented
@@ -116,7 +123,8 @@ class RobotState(Manifold):
         """Return a state, (nx,), at rest unless velocities are given.
 
         Args:
-            position: of the base [m]; by default above the origin, the lowest foot touching the ground at z = 0.
+            position: of the base; where x, y and z are not given the base is above the origin, or above x and y, with
+                the first foot touching the ground [m].
             rpy: roll, pitch, yaw of the base [rad].
             joints: a pose's name, n numbers, or a mapping of joint names [rad].
             linear_velocity: of the base's origin, world axes [m/s].
@@ -133,8 +141,11 @@ class RobotState(Manifold):
         where = f"state of '{self.robot.name}'"
         given = translate(self.robot, where, words)
         given[base.orientation] = rotation.np_from_rpy(given[base.orientation])
-        if position is None:
-            placed = place_feet(self.robot, np.zeros(3), given[base.orientation], given[SHORT_NAMES["joints"]])
-            position = (0.0, 0.0, self.robot.foot_radius - float(placed[:, 2].min()))
+        if position is None or np.shape(position) == (2,):
+            x, y = (0.0, 0.0) if position is None else np.asarray(position, dtype=float)
+            flat: Array = np.array([x, y, 0.0])
+            placed = place_feet(self.robot, flat, given[base.orientation], given[SHORT_NAMES["joints"]])
+            ground = self.terrain.height(placed[:, 0], placed[:, 1])
+            position = (x, y, self.robot.foot_radius + float(np.max(ground - placed[:, 2])))
         given.update(translate(self.robot, where, {"position": position}))
         return self.pack(given)

@@ -13,11 +13,13 @@ base = group(
     orientation=("rad", "rotation"),
     linear_velocity=("m/s", "direction"),
     angular_velocity="rad/s",
+    height="m",
 )
-"""The floating base's origin: world position and velocity, attitude, angular velocity in *body* axes."""
+"""The floating base's origin: world position and velocity, attitude, angular velocity in *body* axes; ``height`` is
+that above the terrain's mean height below the feet."""
 
-joints = group("joints", position="rad", velocity="rad/s", acceleration="rad/s^2", torque="Nm")
-"""The actuated joints, in state order."""
+joints = group("joints", position="rad", velocity="rad/s", acceleration="rad/s^2", torque="Nm", target="rad")
+"""The actuated joints, in state order; ``target`` is what a joint controller follows."""
 
 feet = group(
     "feet",

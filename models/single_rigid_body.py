@@ -18,7 +18,7 @@ from piaffe.ocp.model import Dynamics, Node, Quantities, Sample
 from piaffe.ocp.quantity import Bound
 
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate
-from .postures import XYZ, foot_labels, place_feet
+from .postures import HEIGHT, XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
 from .robot import Robot, require_robot
 from .stance import Stance
@@ -57,6 +57,7 @@ class SingleRigidBody(LeggedModel):
         slots = {
             "contact": np.zeros(nf),
             "footholds": np.zeros(3 * nf),
+            "terrain": 0.0,
             "mass": robot.mass if mass is None else mass,
             "inertia": _six(robot, _standing_inertia(robot) if inertia is None else inertia),
             "gravity": robot.model.gravity.linear,
@@ -116,6 +117,7 @@ class SingleRigidBody(LeggedModel):
             Bound(base.orientation, x[3:7], XYZ),
             Bound(base.linear_velocity, x[7:10], XYZ),
             Bound(base.angular_velocity, x[10:13], XYZ),
+            Bound(base.height, x[2] - p["terrain"], HEIGHT),
             Bound(feet.force, u, stacked),
             Bound(feet.position, p["footholds"], stacked),
             Bound(feet.contact, p["contact"], names),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Literal
 
 import casadi as cs
@@ -12,15 +11,17 @@ import numpy as np
 from piaffe.errors import ModelError
 from piaffe.ocp.manifold import Block, Manifold
 from piaffe.ocp.model import Dynamics, Quantities, Reset
-from piaffe.ocp.quantity import Bound, Quantity
+from piaffe.ocp.quantity import Bound
 
 from ._numeric import NumericWholeBody
+from .bindings import bind_motion, foot_points, frame_points, inertials
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, integrate
-from .postures import XYZ, foot_labels
-from .quantities import base, com, feet, frames, joints, momentum
+from .postures import foot_labels
+from .quantities import feet, joints
 from .recursions import Recursion
 from .robot import Robot, require_robot
-from .tree import Inertials, Point, Tree
+from .terrain import Flat
+from .tree import Tree
 
 Integrator = Literal["euler", "semi_implicit"]
 
@@ -93,8 +94,8 @@ class WholeBody(NumericWholeBody):
         super().__init__(robot, name or robot.name, (*positions, *velocities), control, slots=slots)
         self.integrator: Integrator = integrator
         self.tree = tree
-        self._points = _points(robot)
-        self.contacts = tuple(self._points[foot.frame] for foot in robot.feet)
+        self._points = frame_points(robot)
+        self.contacts = foot_points(robot, self._points)
         if contact_damping is None:
             self._refuse_redundant_contacts()
 
@@ -128,7 +129,7 @@ class WholeBody(NumericWholeBody):
         """Return the contact dynamics of every contact set, see the class."""
         nq, nv = self.nq, self.nv
         q, v, a = x[:nq], x[nq:], z[:nv]
-        body, forces = _inertials(p), [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
+        body, forces = inertials(p), [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
         motion = Recursion(self.tree, q, v, a)
         acting = [p["contact"][i] * force for i, force in enumerate(forces)]
         effort = motion.inverse_dynamics(body, p["gravity"], list(zip(self.contacts, acting, strict=True)))
@@ -156,7 +157,7 @@ class WholeBody(NumericWholeBody):
         impulses = [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
         acting = [p["landing"][i] * impulse for i, impulse in enumerate(impulses)]
         jump = Recursion(self.tree, q, None, v_next - v)
-        effort = jump.inverse_dynamics(_inertials(p), cs.SX(3, 1), list(zip(self.contacts, acting, strict=True)))
+        effort = jump.inverse_dynamics(inertials(p), cs.SX(3, 1), list(zip(self.contacts, acting, strict=True)))
         effort += cs.vertcat(cs.SX(6, 1), p["armature"] * (v_next - v)[6:])
         after = Recursion(self.tree, q, v_next)
         rows = []
@@ -174,41 +175,12 @@ class WholeBody(NumericWholeBody):
         self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]
     ) -> dict[str, Callable[[], Bound]]:
         """Return how to bind each quantity."""
-        body, stacked, names = _inertials(p), foot_labels(self.robot), self.robot.joint_names
         on_each = cs.vertcat(*(cs.repmat(p["contact"][i], 3, 1) for i in range(self.num_feet)))
-        makers: dict[str, Callable[[], Bound]] = {}
-
-        def supply(
-            quantity: Quantity, labels: tuple[str, ...], value: Callable[[], cs.SX], mask: cs.SX | None = None
-        ) -> None:
-            makers[quantity.path] = lambda: Bound(quantity, value(), labels, mask)
-
-        supply(base.position, XYZ, lambda: motion.position)
-        supply(base.orientation, XYZ, lambda: x[3:7])
-        supply(base.linear_velocity, XYZ, lambda: motion.v[:3])
-        supply(base.angular_velocity, XYZ, lambda: motion.v[3:6])
-        supply(joints.position, names, lambda: x[7 : self.nq])
-        supply(joints.velocity, names, lambda: motion.v[6:])
-        supply(joints.acceleration, names, lambda: motion.a[6:])
-        supply(joints.torque, names, lambda: u)
-        supply(feet.position, stacked, lambda: cs.vertcat(*map(motion.point, self.contacts)))
-        supply(feet.velocity, stacked, lambda: cs.vertcat(*map(motion.velocity, self.contacts)))
-        supply(feet.force, stacked, lambda: cs.vertcat(*forces), on_each)
-        supply(feet.height, self.robot.foot_names, lambda: self._heights(motion, p))
-        supply(feet.contact, self.robot.foot_names, lambda: p["contact"])
-        supply(feet.landing, self.robot.foot_names, lambda: p["landing"])
-        supply(feet.lifting, self.robot.foot_names, lambda: p["lifting"])
-        supply(com.position, XYZ, lambda: motion.centre_of_mass(body))
-        supply(com.velocity, XYZ, lambda: motion.momentum(body)[0] / cs.sum1(p["link_mass"]))
-        supply(momentum, XYZ, lambda: motion.momentum(body)[1])
-        for name, point in self._points.items():
-            supply(frames[name].position, XYZ, partial(motion.point, point))
-            supply(frames[name].velocity, XYZ, partial(motion.velocity, point))
+        makers = bind_motion(self.robot, self._points, motion, x, p, Flat(p["terrain"]))
+        makers.supply(joints.acceleration, self.robot.joint_names, lambda: motion.a[6:])
+        makers.supply(joints.torque, self.robot.joint_names, lambda: u)
+        makers.supply(feet.force, foot_labels(self.robot), lambda: cs.vertcat(*forces), on_each)
         return makers
-
-    def _heights(self, motion: Recursion, p: Mapping[str, cs.SX]) -> cs.SX:
-        """Return the gap between each foot and the terrain, (nf, 1) [m]."""
-        return cs.vertcat(*(motion.point(point)[2] for point in self.contacts)) - p["terrain"] - p["foot_radius"]
 
     def _refuse_redundant_contacts(self) -> None:
         """Raise if some feet can never be held independently, whatever the posture."""
@@ -231,16 +203,3 @@ class WholeBody(NumericWholeBody):
                 f"{independent}, expected points that can be held independently; remove some, or set contact_damping "
                 "(1e-6 / kg, say)"
             )
-
-
-def _inertials(p: Mapping[str, cs.SX]) -> Inertials:
-    return Inertials.of(p["link_mass"], p["link_com"], p["link_inertia"])
-
-
-def _points(robot: Robot) -> dict[str, Point]:
-    """Return the origin of every frame; a joint and a link of one name are at one place."""
-    points: dict[str, Point] = {}
-    for frame in robot.model.frames:
-        if frame.parentJoint > 0:
-            points.setdefault(frame.name, Point(int(frame.parentJoint) - 1, np.array(frame.placement.translation)))
-    return points

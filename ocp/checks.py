@@ -136,11 +136,17 @@ class Guess:
     def __init__(self, phase: CompiledPhase) -> None:
         self.phase = phase
         self.x, self.u = phase.guess_states, phase.guess_controls
-        self._implicit = _named(phase.mode.functions["implicit"], self.x[:-1], self.u, phase.p)
+        self.has_derivatives = phase.mode.model.has_derivatives
+
+    @cached_property
+    def _implicit(self) -> dict[str, Array]:
+        return _named(self.phase.mode.functions["implicit"], self.x[:-1], self.u, self.phase.p)
 
     @cached_property
     def z(self) -> Array:
         """Implicit variables (N, nz); NaN if their equations have no solution."""
+        if not self.has_derivatives:
+            return np.zeros((self.phase.num_stages, self.phase.mode.nz))
         return _solved(self._implicit["K"], self._implicit["r0"])
 
     @cached_property
@@ -150,7 +156,9 @@ class Guess:
 
     @cached_property
     def stage_d(self) -> dict[str, Array]:
-        """Derivatives of the stages."""
+        """Derivatives of the stages; empty for a model that has none."""
+        if not self.has_derivatives:
+            return {}
         return _named(self.phase.mode.functions["stage_d"], self.x[:-1], self.u, self.z, self.phase.p, self.x[1:])
 
     @cached_property
@@ -160,7 +168,9 @@ class Guess:
 
     @cached_property
     def terminal_d(self) -> dict[str, Array]:
-        """Derivatives of the last node's rows."""
+        """Derivatives of the last node's rows; empty for a model that has none."""
+        if not self.has_derivatives:
+            return {}
         return _named(self.phase.mode.functions["terminal_d"], self.x[-1:], self.phase.p_end[None])
 
     @cached_property
@@ -191,8 +201,11 @@ def check_guess(compiled: CompiledProblem) -> None:
 
 
 def check_controls(compiled: CompiledProblem, guesses: list[Guess] | None = None) -> None:
-    """Raise if some control has no running cost anywhere in a mode: its Hessian would be singular."""
-    guesses = guesses or [Guess(phase) for phase in compiled.phases]
+    """Raise if some control has no running cost anywhere in a mode: its Hessian would be singular.
+
+    Models without derivatives are sampled, and need none.
+    """
+    guesses = [g for g in guesses or [Guess(phase) for phase in compiled.phases] if g.has_derivatives]
     for mode in dict.fromkeys(guess.phase.mode for guess in guesses):
         if mode.nu == 0:
             continue

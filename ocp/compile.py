@@ -81,7 +81,7 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
     """
     began = time.perf_counter()
     misses = _lower.cache_info().misses + _link.cache_info().misses
-    compilation = _Compilation(problem)
+    compilation = Compilation(problem)
     stretches = lay(compilation.path, problem.schedule, t0)
     phases = tuple(compilation.phase(i, stretches) for i in range(len(stretches)))
     compilation.check_bound(phases, complete=covers(problem.motion, stretches))
@@ -103,8 +103,8 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
     return compiled
 
 
-class _Compilation:
-    """One run of the compiler."""
+class Compilation:
+    """One run of the compiler over a problem: its path, its terms and their numbers."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -133,12 +133,7 @@ class _Compilation:
         stretch = stretches[i]
         segment, model = stretch.segment, stretch.segment.model
         follower = stretches[i + 1] if i + 1 < len(stretches) else None
-        mode_now = self.resolve(model, stretch.interval.phase)
-        key = model.mode_key(mode_now)
-        excluded = frozenset(k for k, term in enumerate(self.terms) if term in segment.excluded)
-        shape = tuple(term.structure() for term in self.terms)
-        mode = _lower(_Structure(model, key, shape, excluded, self.terms))
-        self.unbound.update({(model.name, k): why for k, why in mode.unbound.items()})
+        mode_now, mode = self.resolve(model, stretch.interval.phase), self.mode(stretch)
         n = stretch.num_stages
         times: Array = stretch.start + segment.dt * np.arange(n + 1.0)
         spans = self.path.intervals(stretch.end + 1e-6)
@@ -161,7 +156,7 @@ class _Compilation:
         ])  # fmt: skip
         stage = Batch(mode.functions["stage_w"])(p[:-1])
         end = Batch(mode.functions["terminal_w"])(p[-1:])
-        transition, p_transition, resets = self.transition(stretch, follower, key, samples[-1])
+        transition, p_transition, resets = self.transition(stretch, follower, mode.key, samples[-1])
         states, controls = self.guess(model, stretch, samples, i == 0)
         return CompiledPhase(
             name=stretch.interval.phase.name,
@@ -172,6 +167,16 @@ class _Compilation:
             ends_phase=stretch.ends_phase, transition=transition, p_transition=p_transition, resets=resets,
             guess_states=states, guess_controls=controls,
         )  # fmt: skip
+
+    def mode(self, stretch: Stretch) -> LoweredMode:
+        """Return the lowered mode of a stretch."""
+        segment, model = stretch.segment, stretch.segment.model
+        key = model.mode_key(self.resolve(model, stretch.interval.phase))
+        excluded = frozenset(k for k, term in enumerate(self.terms) if term in segment.excluded)
+        shape = tuple(term.structure() for term in self.terms)
+        lowered = _lower(_Structure(model, key, shape, excluded, self.terms))
+        self.unbound.update({(model.name, k): why for k, why in lowered.unbound.items()})
+        return lowered
 
     def resolve(self, model: ModelBase, phase: Phase) -> Hashable:
         """Return a phase's mode in a model's terms; errors name the phase."""
@@ -225,15 +230,17 @@ class _Compilation:
                     value = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
                 row[block.quantity] = np.asarray(value, dtype=float)
             rows.append(model.state.pack(row))
-        controls = [
-            model.control.pack({b.quantity: s.get(b.quantity, np.zeros(b.nx)) for b in model.control.blocks})
-            if model.control.blocks else np.zeros(0)
-            for s in samples[:-1]
-        ]  # fmt: skip
+        controls = [self.control(model, sample) for sample in samples[:-1]]
         states = model.state.np_normalise(np.array(rows))
         if is_first:
             states[0] = self.problem.initial
         return states, np.array(controls).reshape(len(samples) - 1, model.control.nx)
+
+    def control(self, model: ModelBase, sample: Sample) -> Array:
+        """Return the control that the path names at a sample, else the model's own guess, else zero."""
+        known = {**model.control_guess(sample), **sample}
+        named = {b.quantity: np.asarray(known.get(b.quantity, np.zeros(b.nx))) for b in model.control.blocks}
+        return model.control.pack(named) if named else np.zeros(0)
 
     # ---- what was declared and applies nowhere
 

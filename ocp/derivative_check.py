@@ -67,6 +67,8 @@ class Finding:
 def check_derivatives(compiled: CompiledProblem, *, points: int = 3, seed: int = 0) -> list[Finding]:
     """Compare every derivative of a compiled problem with differences; the worst point of each block is kept.
 
+    Models without derivatives have nothing to compare.
+
     Args:
         compiled: the problem, compiled with or without checks.
         points: random states per mode, beside as many nodes of the initial guess.
@@ -89,6 +91,8 @@ def _badness(finding: Finding) -> tuple[bool, float]:
 
 def _findings(compiled: CompiledProblem, points: int, rng: np.random.Generator) -> Iterator[Finding]:
     for mode in dict.fromkeys(phase.mode for phase in compiled.phases):
+        if not mode.model.has_derivatives:
+            continue
         phases = [phase for phase in compiled.phases if phase.mode is mode]
         nodes = [(phase, k) for phase in phases for k in range(phase.num_stages)]
         ends = [(phase, phase.num_stages) for phase in phases]

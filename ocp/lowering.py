@@ -14,7 +14,8 @@ terminal_w     (p)               → weight, g_mask, h_mask
 outputs        (x, u, z, p)      → recorded quantities
 =============  ============================================  ====================================================
 
-Inequalities are g ≥ 0, already divided by the row's scale, as equalities are.
+Inequalities are g ≥ 0, already divided by the row's scale, as equalities are. A mode of a model without derivatives has
+neither implicit, stage_d and terminal_d nor x_next: its step is the simulator's.
 """
 
 from __future__ import annotations
@@ -320,48 +321,58 @@ class Lowering:
         self, dynamics: Dynamics, stage: dict[str, list[_Piece]], terminal: dict[str, list[_Piece]], p: cs.SX
     ) -> dict[str, cs.Function]:
         """Return the mode's functions, named after the table above."""
-        x, u, z, state = self.x, self.u, self.z, self.model.state
-        K, r0 = affine(dynamics.implicit, z, f"model '{self.model.name}', mode '{self.key}'")
-        xn, dx = cs.SX.sym("xn", state.nx), cs.SX.sym("dx", state.ndx)
+        x, u, z = self.x, self.u, self.z
         rows = {k: _stack([piece.rows for piece in v]) for k, v in stage.items()}
         end = {k: _stack([piece.rows for piece in v]) for k, v in terminal.items()}
-        # Derivatives by the tangent go through x + E(x) dx at dx = 0; least squares need no second ones (Gauss-Newton).
-        groups = [dynamics.implicit, state.minus(dynamics.next_state, xn), rows["residual"], rows["g"], rows["h"]]
-        by_w, by_z = tangent_jacobians(groups, state, x, dx, u, z)
-        end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
         outputs = _stack([dynamics.quantities.bind(q).value for q in dynamics.outputs])
-        names = ["residual", "g", "h"]
-
-        def make(name: str, inputs: dict[str, cs.SX], outs: dict[str, cs.SX]) -> cs.Function:
-            values = [cs.densify(value) for value in outs.values()]
-            return cs.Function(name, list(inputs.values()), values, list(inputs), list(outs), {"cse": True})
-
         weights = [
             _stack([i.weight * i.mask for i in group["residual"] if i.weight is not None])
             for group in (stage, terminal)
         ]
         masks = [[_stack([i.mask for i in group[k]]) for k in ("g", "h")] for group in (stage, terminal)]
         xuzp = {"x": x, "u": u, "z": z, "p": p}
+        step = {"x_next": dynamics.next_state} if self.model.has_derivatives else {}
         return {
-            "implicit": make("implicit", {"x": x, "u": u, "p": p}, {"K": K, "r0": r0}),
-            "stage": make("stage", xuzp, {"x_next": dynamics.next_state, **rows}),
-            "stage_d": make(
+            "stage": _make("stage", xuzp, {**step, **rows}),
+            "stage_w": _make("stage_w", {"p": p}, {"weight": weights[0], "g_mask": masks[0][0], "h_mask": masks[0][1]}),
+            "terminal": _make("terminal", {"x": x, "p": p}, end),
+            "terminal_w": _make(
+                "terminal_w", {"p": p}, {"weight": weights[1], "g_mask": masks[1][0], "h_mask": masks[1][1]}
+            ),
+            "outputs": _make("outputs", xuzp, {"outputs": outputs}),
+        } | (self.derivatives(dynamics, rows, end, p) if self.model.has_derivatives else {})
+
+    def derivatives(
+        self, dynamics: Dynamics, rows: dict[str, cs.SX], end: dict[str, cs.SX], p: cs.SX
+    ) -> dict[str, cs.Function]:
+        """Return the implicit part and the derivatives of dynamics and rows."""
+        x, u, z, state = self.x, self.u, self.z, self.model.state
+        K, r0 = affine(dynamics.implicit, z, f"model '{self.model.name}', mode '{self.key}'")
+        xn, dx = cs.SX.sym("xn", state.nx), cs.SX.sym("dx", state.ndx)
+        # Derivatives by the tangent go through x + E(x) dx at dx = 0; least squares need no second ones (Gauss-Newton).
+        groups = [dynamics.implicit, state.minus(dynamics.next_state, xn), rows["residual"], rows["g"], rows["h"]]
+        by_w, by_z = tangent_jacobians(groups, state, x, dx, u, z)
+        end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
+        names = ["residual", "g", "h"]
+        return {
+            "implicit": _make("implicit", {"x": x, "u": u, "p": p}, {"K": K, "r0": r0}),
+            "stage_d": _make(
                 "stage_d",
-                {**xuzp, "xn": xn},
+                {"x": x, "u": u, "z": z, "p": p, "xn": xn},
                 {"r_w": by_w[0]}
                 | dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
                 | dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True)),
             ),
-            "stage_w": make("stage_w", {"p": p}, {"weight": weights[0], "g_mask": masks[0][0], "h_mask": masks[0][1]}),
-            "terminal": make("terminal", {"x": x, "p": p}, end),
-            "terminal_d": make(
+            "terminal_d": _make(
                 "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
             ),
-            "terminal_w": make(
-                "terminal_w", {"p": p}, {"weight": weights[1], "g_mask": masks[1][0], "h_mask": masks[1][1]}
-            ),
-            "outputs": make("outputs", xuzp, {"outputs": outputs}),
         }
+
+
+def _make(name: str, inputs: dict[str, cs.SX], outs: dict[str, cs.SX]) -> cs.Function:
+    """Return a function with dense outputs."""
+    values = [cs.densify(value) for value in outs.values()]
+    return cs.Function(name, list(inputs.values()), values, list(inputs), list(outs), {"cse": True})
 
 
 def _cannot(model: ModelBase, error: UnknownNameError) -> str:

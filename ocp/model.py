@@ -66,11 +66,15 @@ class Quantities:
     Args:
         where: the model's name, for messages.
         makers: path → function that returns the bound quantity.
+        absent: path → why the model cannot supply it, for messages.
     """
 
-    def __init__(self, where: str, makers: Mapping[str, Callable[[], Bound]]) -> None:
+    def __init__(
+        self, where: str, makers: Mapping[str, Callable[[], Bound]], absent: Mapping[str, str] | None = None
+    ) -> None:
         self.where = where
         self._makers = makers
+        self._absent = absent or {}
         self._made: dict[str, Bound] = {}
 
     @property
@@ -85,10 +89,17 @@ class Quantities:
         """Return the bound quantity; raise UnknownNameError if the model cannot supply it."""
         path = str(quantity)
         if path not in self._makers:
-            raise UnknownNameError(f"model '{self.where}'", "quantity", path, self._makers)
+            raise self.unknown(path)
         if path not in self._made:
             self._made[path] = self._makers[path]()
         return self._made[path]
+
+    def unknown(self, path: str) -> UnknownNameError:
+        """Return the error that says that a path cannot be bound, and why if the model knows."""
+        error = UnknownNameError(f"model '{self.where}'", "quantity", path, self._makers)
+        if path in self._absent:
+            error.hint = f" ({self._absent[path]})"
+        return error
 
 
 @dataclass(frozen=True)
@@ -97,7 +108,7 @@ class Dynamics:
 
     Args:
         implicit: r(x, u, z, p), (nz, 1), affine in z.
-        next_state: the discrete step given z, (nx, 1).
+        next_state: the discrete step given z, (nx, 1); (0, 1) of a model without derivatives.
         quantities: what terms may speak about.
         outputs: quantities worth recording in a trajectory beside state and control (contact forces).
     """
@@ -217,6 +228,15 @@ class ModelBase(ABC):
 
     def recipe(self) -> dict[str, object]:
         """Return what a file must hold to rebuild what plots and films need of the model, as JSON-able values."""
+        return {}
+
+    @property
+    def own_step(self) -> float | None:
+        """The one time step that the model can make [s]; None for any."""
+        return None
+
+    def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
+        """Return the control to begin with where the path has a sample but names no control; zero by default."""
         return {}
 
     # ---- what a user says with it

@@ -46,7 +46,7 @@ def broken_at_start(compiled: CompiledProblem) -> list[Notice]:
     """
     phase, found = compiled.phases[0], []
     stage, x, p = phase.mode.functions["stage"], compiled.initial, phase.p[0]
-    _, _, g, h = (value.full().ravel() for value in stage(x, np.zeros(phase.mode.nu), np.zeros(phase.mode.nz), p))
+    *_, g, h = (value.full().ravel() for value in stage(x, np.zeros(phase.mode.nu), np.zeros(phase.mode.nz), p))
     for kind, missed in (("g", -g * phase.g_mask[0]), ("h", np.abs(h) * phase.h_mask[0])):
         of_state = {row.term for row in phase.mode.rows[f"terminal_{kind}"]}
         worst: dict[int, int] = {}

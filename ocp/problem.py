@@ -83,6 +83,11 @@ class Problem:
         """Return the problem from another initial state."""
         return self._with("initial", _initial(initial, self.schedule, self.source))
 
+    def with_schedule(self, schedule: Schedule) -> Problem:
+        """Return the problem over another schedule, whose first model must have the same state."""
+        _initial(self.initial, schedule, self.source)
+        return self._with("schedule", schedule)
+
     def _with(self, name: str, value: object) -> Problem:
         other = object.__new__(Problem)
         other.__dict__.update(self.__dict__)

@@ -42,6 +42,12 @@ class Segment:
                     f"schedule ({self.source}), model '{self.model.name}': {name} is out of range - got {value!r}, "
                     "expected a positive number of seconds; give one"
                 )
+        own = self.model.own_step
+        if own is not None and abs(self.dt - own) > 1e-9:
+            raise ProblemError(
+                f"schedule ({self.source}), model '{self.model.name}': dt is not the model's own - got {self.dt:g} s, "
+                f"expected {own:g} s; change one of them"
+            )
 
 
 @dataclass(frozen=True)

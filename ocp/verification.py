@@ -100,6 +100,8 @@ class Verification:
 def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
     """Recompute every defect, equality and inequality of a trajectory.
 
+    Of a model without derivatives the steps are the simulator's, and only its rows are recomputed.
+
     Args:
         compiled: the problem that it should solve.
         trajectory: states and controls; nothing else of it is read.
@@ -140,9 +142,12 @@ def _misses(compiled: CompiledProblem, trajectory: Trajectory) -> Iterator[Miss]
         yield from _defects(phase, 0, start, part.states[0])
         for k in range(n):
             x, u, p = part.states[k], part.controls[k], phase.p[k]
-            z = solve(f["implicit"], x, u, p)
-            x_next, _, g, h = (_column(value) for value in f["stage"](x, u, z, p))
-            yield from _defects(phase, k + 1, x_next, part.states[k + 1])
+            if phase.mode.model.has_derivatives:
+                z = solve(f["implicit"], x, u, p)
+                x_next, _, g, h = (_column(value) for value in f["stage"](x, u, z, p))
+                yield from _defects(phase, k + 1, x_next, part.states[k + 1])
+            else:
+                _, g, h = (_column(value) for value in f["stage"](x, u, np.zeros(phase.mode.nz), p))
             yield from _rows(compiled, phase, k, "stage_g", "inequality", -g * phase.g_mask[k])
             yield from _rows(compiled, phase, k, "stage_h", "equality", np.abs(h) * phase.h_mask[k])
         for k, x in enumerate(part.states):

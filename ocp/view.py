@@ -6,8 +6,6 @@ from typing import Any
 
 import casadi as cs
 
-from piaffe.errors import UnknownNameError
-
 from .model import Quantities
 from .quantity import Bound
 
@@ -50,7 +48,7 @@ class NodeView:
             return Values(self._quantities.bind(path))
         if any(known.startswith(path + ".") for known in self._quantities.paths):
             return NodeView(self._quantities, path)
-        raise UnknownNameError(f"model '{self._quantities.where}'", "quantity", path, self._quantities.paths)
+        raise self._quantities.unknown(path)
 
     def __getitem__(self, name: str) -> Any:
         return self.__getattr__(name)

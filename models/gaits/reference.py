@@ -44,7 +44,8 @@ class GaitReference(Reference):
 
         p = hip(t + T/2) − (h/g) a + k (v − v_ref)
 
-    clamped to a box about the hip at touchdown that the leg can reach.
+    clamped to a box about the hip at touchdown that the leg can reach. Heights of base and feet are also targets of
+    ``base.height`` and ``feet.height``, above whatever terrain a model stands on.
 
     Args:
         speed: forward velocity after the ramp [m/s].
@@ -148,10 +149,12 @@ class BoundGait(BoundReference):
             base.orientation: orientation,
             base.linear_velocity: velocity,
             base.angular_velocity: omega,
+            base.height: position[:, 2:] - self.gait.terrain,
             joints.position: angles,
             joints.velocity: self.kinematics.joint_velocities(angles, relative),
             feet.position: place.reshape(len(t), -1),
             feet.velocity: swing.reshape(len(t), -1),
+            feet.height: place[..., 2] - (self.gait.terrain + self.robot.foot_radius),
         }
 
     def anchored(self, t: float, actual: Sample) -> BoundGait:

@@ -51,3 +51,7 @@ class FileFormatError(PiaffeError, ValueError):
 
 class SolverError(PiaffeError, RuntimeError):
     """A solver was asked for something that it cannot do."""
+
+
+class SamplingError(PiaffeError, RuntimeError):
+    """A sampling controller, a roll-out or a value function was asked for something that it cannot do."""

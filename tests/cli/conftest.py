@@ -66,6 +66,44 @@ limits = ocp.Constraints(models.friction_cone(mu=0.6), models.torque_limits(), m
 problem = ocp.Problem(hop, body.until_end(dt=0.02), objective, limits, initial=body.state(joints="stand"))
 """
 
+SAMPLED = """
+from piaffe import models, ocp, sampling
+from piaffe.models import base, joints
+
+robot = models.load("solo12")
+body = models.WholeBody(robot)
+trot = models.gaits.trot(0.3)
+objective = ocp.Objective(
+    ocp.track(base.linear_velocity, weight=2.0), ocp.track(base.orientation, weight=1.0),
+    ocp.regularize(joints.torque, weight=1e-3),
+)
+limits = ocp.Constraints(
+    ocp.inequality(lambda s: s.joints.position["FL_HAA"], lower=-0.2, upper=0.2, name="hip", unit="rad", scale=0.2),
+    ocp.inequality(lambda s: s.base.height, upper=0.1, name="ceiling", unit="m", scale=0.1),
+)
+start = body.state(joints="stand")
+reward = sampling.Reward(scale=0.5)
+options = {"dial": {"samples": 12, "first_stages": 2}, "td-cd": {"samples": 10, "first_stages": 1}}
+
+
+def sampled_problem(slope: float = 0.0, ground: str = "flat") -> ocp.Problem:
+    if ground not in ("flat", "soft"):
+        raise ValueError(f"no ground '{ground}'")
+    plant = models.Mujoco(robot)
+    return ocp.Problem(trot, plant.over(0.08, dt=0.02), objective, limits, initial=start)
+
+
+problem = ocp.Problem(trot.cycles(1), body.until_end(dt=0.01), objective, initial=start)
+
+
+def needs(height: float) -> ocp.Problem:
+    return sampled_problem()
+
+
+def clashes(steps: int = 3) -> ocp.Problem:
+    return sampled_problem()
+"""
+
 
 @pytest.fixture(scope="session")
 def ball_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -95,3 +133,10 @@ def hop(hop_file: Path) -> Path:
     saved = hop_file.with_suffix(".npz")
     assert main(["solve", str(hop_file), "--save", str(saved), "--json"]) == 0
     return saved
+
+
+@pytest.fixture(scope="session")
+def sampled_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sampled") / "sampled.py"
+    path.write_text(SAMPLED)
+    return path

@@ -10,7 +10,7 @@ import pytest
 from piaffe import __version__
 from piaffe.cli import main
 
-COMMANDS = ("describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache")
+COMMANDS = ("describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache", "mppi", "study")
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

@@ -24,6 +24,7 @@ NOTEBOOK = EXAMPLES / "own_robot.ipynb"
 def load():
     """Import an example once per session of this file."""
     loaded = {}
+    sys.path.insert(0, str(EXAMPLES))  # as when one of them is run: some build on another
 
     def module(name):
         if name not in loaded:
@@ -32,7 +33,8 @@ def load():
             spec.loader.exec_module(loaded[name])
         return loaded[name]
 
-    return module
+    yield module
+    sys.path.remove(str(EXAMPLES))
 
 
 def checked(problem, solution):

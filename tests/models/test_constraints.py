@@ -53,6 +53,29 @@ def test_joint_bounds_are_the_robot_s(constraint, lower, upper):
     assert constraint.labels(MODEL) == ROBOT.joint_names
 
 
+def test_range_of_some_joints():
+    hips = models.joint_range("hip_joint", 0.2, scale=0.2)
+    assert hips.labels(MODEL) == tuple(f"{leg}_hip_joint" for leg in ("FL", "FR", "RL", "RR"))
+    assert (hips.lower, hips.upper, hips.scale) == (-0.2, 0.2, 0.2)
+    assert hips.structure() == models.joint_range("hip_joint", 0.3, scale=0.2).structure()
+    assert hips.structure() != models.joint_range("calf_joint", 0.2, scale=0.2).structure()
+    assert models.joint_range("FL", upper=1.0).labels(MODEL) == ROBOT.joint_names[:3]
+    with pytest.raises(
+        ProblemError, match="joint_range: no bound - got none, expected limit, lower or upper; give one"
+    ):
+        models.joint_range("FL")
+    with pytest.raises(ProblemError, match="joint_range: limit is out of range - got -1, expected a number ≥ 0"):
+        models.joint_range("FL", -1)
+
+
+def test_base_height_has_two_bounds():
+    heights = models.base_height(0.1, maximum=0.3, scale=0.3)
+    assert (heights.lower, heights.upper, heights.scale) == (0.1, 0.3, 0.3)
+    assert rows(heights.function(SimpleNamespace(base=SimpleNamespace(height=cs.SX(0.2))))) == pytest.approx([0.2])
+    with pytest.raises(ProblemError, match="base_height: no bound - got none, expected minimum or maximum; give one"):
+        models.base_height()
+
+
 def test_clearance_concerns_feet_in_the_air_that_have_not_just_left():
     clearance = models.foot_clearance()
     s = node(contact=[1, 0, 0, 1], lifting=[0, 1, 0, 0], height=[0.0, 0.01, 0.02, 0.03])

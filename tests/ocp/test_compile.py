@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp
-from piaffe.errors import ProblemError
+from piaffe.errors import ProblemError, ShapeError
 from piaffe.models import base, feet, joints, stance
 from piaffe.ocp import Batch
 
@@ -366,6 +366,15 @@ def test_parameters_reach_terms_and_resets():
     x, p = np.array([[0.0, -4.0]]), changed.phases[0].p_transition[None]
     assert Batch(drop.transition.functions["reset"])(x, np.zeros((1, 0)), p)[0][0] == pytest.approx([0.0, 2.0])
     assert problem.parameters == {}
+
+
+def test_another_schedule_takes_the_place_of_the_first():
+    problem = ocp.Problem(ocp.Motion(RISE), BALL.until_end(dt=0.02), ocp.Objective(CHEAP), initial=[1.0, 0.0])
+    finer = problem.with_schedule(BALL.until_end(dt=0.01))
+    assert [ocp.compile_problem(each).num_stages for each in (problem, finer)] == [10, 20]
+    other = ocp.Model("other", state={"z": 1}, control={"thrust": 1}, modes={"fall": lambda s: {"z": s.thrust}})
+    with pytest.raises(ShapeError, match="wrong size for model 'other' - got shape \\(2,\\), expected \\(1,\\)"):
+        problem.with_schedule(other.until_end(dt=0.01))
 
 
 def test_parameters_may_be_columns():

@@ -19,7 +19,8 @@ SHIPPED = {
     "torque_limits": constraints.torque_limits(),
     "joint_limits": constraints.joint_limits(),
     "joint_speed_limits": constraints.joint_speed_limits(),
-    "base_height": constraints.base_height(minimum=0.1),
+    "joint_range": constraints.joint_range("FL_HAA", limit=0.5),
+    "base_height": constraints.base_height(minimum=0.1, maximum=0.6),
     "foot_clearance": constraints.foot_clearance(),
 }
 NOT_TRACKED = ("feet.contact", "feet.landing")  # numbers of the node
@@ -68,8 +69,9 @@ def hop(feet: tuple[str, ...]) -> ocp.Motion:
 
 def whole_body(name: str, **options: str) -> ocp.Problem:
     body = models.WholeBody(robot(name), **options)  # type: ignore[arg-type]  # an integrator
+    limits = {**SHIPPED, "joint_range": constraints.joint_range(body.robot.joint_names[0], limit=0.5)}
     return ocp.Problem(
-        hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), ocp.Constraints(*SHIPPED.values()),
+        hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), ocp.Constraints(*limits.values()),
         initial=body.state(joints="stand", rpy=(0.1, 0.2, 0.3)),
     )  # fmt: skip
 

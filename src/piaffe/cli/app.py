@@ -15,7 +15,8 @@ from piaffe import __version__
 from piaffe.errors import PiaffeError
 
 from .loading import load_problem
-from .reports import terminal
+from .reports import plain, terminal
+from .sampling_commands import mppi, study
 
 FAILED, REFUSED = 1, 2  # exit codes: the result is not what was hoped for; the command could not do what was asked
 SHEET = (3, 2)  # columns and rows of a picture of single moments
@@ -47,14 +48,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (PiaffeError, OSError) as error:
         if show:
             raise
-        terminal(stderr=True).print(f"[bold red]error:[/] {_plain(str(error))}", soft_wrap=True)
+        terminal(stderr=True).print(f"[bold red]error:[/] {plain(str(error))}", soft_wrap=True)
         return REFUSED
     return int(code or 0)
-
-
-def _plain(text: str) -> str:
-    """Return text in which brackets are no markup."""
-    return text.replace("[", r"\[")
 
 
 def _version(wanted: bool) -> None:
@@ -163,7 +159,7 @@ def check(
         check_guess(compiled)
     except PiaffeError as error:
         failures += 1
-        console.print(f"[bold red]error:[/] {_plain(str(error))}", soft_wrap=True)
+        console.print(f"[bold red]error:[/] {plain(str(error))}", soft_wrap=True)
     findings = check_derivatives(compiled, points=points, seed=seed)
     failures += sum(not finding.agrees for finding in findings)
     print_derivatives(console, findings)
@@ -171,7 +167,7 @@ def check(
     print_dimensions(console, *report(compiled))
     for notice in notices(compiled):
         console.print(
-            f"[bold yellow]warning:[/] {_plain(notice.where)}: {_plain(notice.text)}", highlight=False, soft_wrap=True
+            f"[bold yellow]warning:[/] {plain(notice.where)}: {plain(notice.text)}", highlight=False, soft_wrap=True
         )
     agreed = sum(finding.agrees for finding in findings)
     colour = "red" if failures else "green"
@@ -272,7 +268,7 @@ def doctor(
     colours = {"error": "bold red", "warning": "bold yellow", "note": "dim"}
     for finding in findings:
         console.print(
-            f"[{colours[finding.severity]}]{finding.severity}:[/] {_plain(f'{finding.where}: {finding.text}')}",
+            f"[{colours[finding.severity]}]{finding.severity}:[/] {plain(f'{finding.where}: {finding.text}')}",
             soft_wrap=True,
         )
     errors = sum(finding.severity == "error" for finding in findings)
@@ -301,3 +297,7 @@ def cache(
         print(as_json(cache_values(kept)))
     else:
         print_cache(terminal(), cache_values(kept))
+
+
+app.command()(mppi)
+app.command()(study)

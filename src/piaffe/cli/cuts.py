@@ -40,13 +40,14 @@ def cuts_of(
 
 def recorded(run: Run, ghost: bool) -> Callable[[float], Snapshot]:
     """Return a function of time [s] that gives the nearest snapshot of a simulation."""
-    times = np.array([snapshot.time for snapshot in run.snapshots])
+    find = nearest(run.snapshots)
+    return find if ghost else lambda t: replace(find(t), ghost=None)
 
-    def at(t: float) -> Snapshot:
-        found = run.snapshots[int(np.argmin(np.abs(times - t)))]
-        return found if ghost else replace(found, ghost=None)
 
-    return at
+def nearest(snapshots: Sequence[Snapshot]) -> Callable[[float], Snapshot]:
+    """Return a function of time [s] that gives the nearest of some snapshots."""
+    times = np.array([snapshot.time for snapshot in snapshots])
+    return lambda t: snapshots[int(np.argmin(np.abs(times - t)))]
 
 
 def picture_size(text: str) -> tuple[int, int]:

@@ -41,17 +41,22 @@ def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> 
         title: what stands above; by default the robot's or model's name.
         dpi: pixels per inch.
     """
+    require_picture(path)
+    with rc_context(RC):
+        figure = draw(solution, title)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=dpi)
+    return path
+
+
+def require_picture(path: Path) -> None:
+    """Raise FileFormatError unless a file's ending is that of a picture."""
     known = FigureCanvasAgg.get_supported_filetypes()
     if path.suffix.removeprefix(".") not in known:
         raise FileFormatError(
             f"file '{path}': unknown kind of picture - got '{path.suffix}', expected '.png', '.pdf' or "
             "'.svg'; change the ending"
         )
-    with rc_context(RC):
-        figure = draw(solution, title)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=dpi)
-    return path
 
 
 def draw(solution: Solution, title: str = "") -> Figure:

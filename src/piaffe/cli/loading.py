@@ -43,7 +43,7 @@ def _load(path: Path, name: str) -> Problem:
         except PiaffeError:
             raise
         except Exception as error:
-            raise _does_not_run(path, error) from error
+            raise does_not_run(path, error) from error
     if not isinstance(found, Problem):
         raise ProblemError(
             f"file '{path}', name '{name}': is not a problem - got {type(found).__name__}, expected an ocp.Problem or "
@@ -91,7 +91,7 @@ def run(path: Path) -> ModuleType:
     except PiaffeError:
         raise
     except Exception as error:
-        raise _does_not_run(path, error) from error
+        raise does_not_run(path, error) from error
     except SystemExit as error:
         raise ProblemError(
             f"file '{path}': exits when imported - got sys.exit({error.code!r}), expected a problem; put what should "
@@ -100,7 +100,7 @@ def run(path: Path) -> ModuleType:
     return module
 
 
-def _does_not_run(path: Path, error: Exception) -> ProblemError:
+def does_not_run(path: Path, error: Exception) -> ProblemError:
     """Return an error that names the last line of the file that was running."""
     line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
     for frame in traceback.extract_tb(error.__traceback__):

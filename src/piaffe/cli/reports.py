@@ -26,6 +26,11 @@ def terminal(*, stderr: bool = False) -> Console:
     return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=_LOG_WIDTH)
 
 
+def plain(text: str) -> str:
+    """Return text in which brackets are no markup."""
+    return text.replace("[", r"\[")
+
+
 def as_json(values: dict[str, Any]) -> str:
     """Return an object as one line of JSON; numbers that are not finite become null."""
 
@@ -65,12 +70,12 @@ def print_solution(console: Console, solution: Solution, wall_s: float) -> None:
         f"{solution.iterations} iterations in {solution.wall_s:.2f} s, compiled in {solution.compile_s:.2f} s, "
         f"{wall_s:.2f} s in all; cost {solution.cost:.6g}",
     )
-    table = _table("term", ">cost", ">share")
+    table = new_table("term", ">cost", ">share")
     total = sum(solution.term_costs.values()) or 1.0
     for name, cost in sorted(solution.term_costs.items(), key=lambda item: -item[1]):
         table.add_row(name, f"{cost:.5g}", f"{100 * cost / total:.1f} %")
     console.print(table)
-    table = _table("constraint", "kind", ">worst", "unit", "where")
+    table = new_table("constraint", "kind", ">worst", "unit", "where")
     for miss in solution.violations:
         met = miss.amount <= 1e-3
         amount = f"{miss.amount:.1e}" if met else f"[red]{miss.amount:.2e}[/]"
@@ -105,7 +110,7 @@ def print_verification(console: Console, result: Verification, values: dict[str,
     """Print a verification: the worst row of each kind against its bound, and what the motion amounts to."""
     from piaffe.ocp.verification import BOUNDS
 
-    table = _table("kind", ">worst", ">bound", "row", "phase", ">node", "unit", "declared")
+    table = new_table("kind", ">worst", ">bound", "row", "phase", ">node", "unit", "declared")
     for kind in KINDS:
         miss = result.worst(kind)
         if miss is not None:
@@ -131,7 +136,7 @@ def print_verification(console: Console, result: Verification, values: dict[str,
 
 def print_derivatives(console: Console, findings: list[Finding]) -> None:
     """Print how the derivatives agree: one line per mode or reset, then what does not agree."""
-    table = _table("derivatives of", ">blocks", ">largest error", ">trusted to", ">order", "at")
+    table = new_table("derivatives of", ">blocks", ">largest error", ">trusted to", ">order", "at")
     for where in dict.fromkeys(finding.where for finding in findings):
         own = [finding for finding in findings if finding.where == where]
         worst = max(own, key=lambda f: (not f.agrees, f.error / f.allowed if f.allowed else 0.0))
@@ -155,7 +160,9 @@ def print_derivatives(console: Console, findings: list[Finding]) -> None:
 
 def print_dimensions(console: Console, costs: list[CostReport], constraints: list[ConstraintReport]) -> None:
     """Print every term in numbers at the initial guess."""
-    table = _table("cost", "at", ">rows", "unit", ">weights", "weight unit", ">largest residual", ">cost at the guess")
+    table = new_table(
+        "cost", "at", ">rows", "unit", ">weights", "weight unit", ">largest residual", ">cost at the guess"
+    )
     for cost in costs:
         low, high = cost.weights
         weights = "0" if high == 0 else f"{low:.3g}" if low == high else f"{low:.3g} … {high:.3g}"
@@ -165,7 +172,7 @@ def print_dimensions(console: Console, costs: list[CostReport], constraints: lis
         )  # fmt: skip
     console.print(table)
     if constraints:
-        table = _table("constraint", "kind", ">rows", "unit", ">scale", ">rows x nodes", ">missed", ">by at most")
+        table = new_table("constraint", "kind", ">rows", "unit", ">scale", ">rows x nodes", ">missed", ">by at most")
         for row in constraints:
             table.add_row(
                 row.name, row.kind, str(row.rows), row.unit or "-", f"{row.scale:g}", str(row.counted), str(row.missed),
@@ -174,7 +181,8 @@ def print_dimensions(console: Console, costs: list[CostReport], constraints: lis
         console.print(table)
 
 
-def _table(*columns: str) -> Table:
+def new_table(*columns: str) -> Table:
+    """Return an empty table; a column whose name begins with ">" is set to the right."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for column in columns:
         right = column.startswith(">")

@@ -89,7 +89,7 @@ def simulate(playback: Playback, *, dt: float = 1e-3, mu: float | None = None) -
         x = np.concatenate([data.qpos, data.qvel])
         off = part.state.np_minus(x, planned)
         errors.append((float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:6]))))
-        forces = _forces(mujoco, model, data, feet)
+        forces = foot_forces(mujoco, model, data, feet)
         contact = tuple(bool(force[2] > 1e-3) for force in forces)
         snapshots.append(Snapshot(t, np.array(data.qpos), forces, part.name, contact, playback.pose(part, planned, i)))
         if not np.all(np.isfinite(x)) or errors[-1][0] > LOST_M or errors[-1][1] > LOST_RAD:
@@ -119,7 +119,7 @@ def _model(playback: Playback, dt: float, mu: float | None) -> Any:
     return model
 
 
-def _forces(mujoco: Any, model: Any, data: Any, feet: list[int]) -> Array:
+def foot_forces(mujoco: Any, model: Any, data: Any, feet: list[int]) -> Array:
     """Return the world force on each foot, (nf, 3) [N]."""
     total = np.zeros((len(feet), 3))
     wrench = np.zeros(6)

@@ -30,6 +30,7 @@ class Studio:
         azimuth: direction of view about the vertical [degree]; 90 looks along +y.
         elevation: of the view [degree], negative from above.
         distance: of the camera, in sizes of the standing robot (the diagonal of its box).
+        spec: a ``mujoco.MjSpec`` of the robot in another scene; on a level floor by default.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Studio:
         azimuth: float = 60.0,
         elevation: float = -14.0,
         distance: float = 1.85,
+        spec: Any = None,
     ) -> None:
         import mujoco
 
@@ -47,7 +49,7 @@ class Studio:
         from piaffe.models.mujoco_scene import restore_inertias
 
         self.mujoco, self.robot, self.size = mujoco, robot, size
-        spec = mujoco_spec(robot, contacts="none")
+        spec = mujoco_spec(robot, contacts="none") if spec is None else spec
         self.drawn = tuple(int(_OVERSAMPLING * side) for side in size)
         spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 2048  # what software renders in time
         spec.material("tiles").reflectance = 0.0
@@ -75,9 +77,8 @@ class Studio:
         """Return the diagonal of the box around the standing robot [m]."""
         self.data.qpos[2], self.data.qpos[7:] = self.robot.base_height(), self.robot.pose("stand")
         self.mujoco.mj_forward(self.model, self.data)
-        plane = self.mujoco.mjtGeom.mjGEOM_PLANE
         corners = []
-        for i in np.flatnonzero(self.model.geom_type != plane):
+        for i in np.flatnonzero(self.model.geom_bodyid):
             turn = self.data.geom_xmat[i].reshape(3, 3)
             centre = self.data.geom_xpos[i] + turn @ self.model.geom_aabb[i, :3]
             half = np.abs(turn) @ self.model.geom_aabb[i, 3:]

@@ -1,0 +1,30 @@
+"""Solo12 climbs three steps of 4 cm, or a slope, by TD-CD-MPPI with a value that was learned on flat ground alone."""
+
+import argparse
+
+import trot_mppi
+
+from piaffe import sampling
+
+sampled_problem = trot_mppi.sampled_problem
+reward, options, value = trot_mppi.reward, trot_mppi.options, trot_mppi.value
+problem = sampled_problem("stairs", horizon=10)
+
+
+def main(terrain: str = "stairs", horizon: int = 10, steps: int = 400) -> float:
+    """Run one episode and return the share of the commanded distance that was covered."""
+    sampled = sampled_problem(terrain, horizon)
+    controller = sampling.TDCDMPPI(sampled, options, reward=reward, value=value, allow=("terrain",))
+    episode = sampling.run_episode(controller, steps=steps)
+    print(f"{'stood' if not episode.fell else 'fell'} after {episode.times[-1]:.1f} s, {episode.distance:.2f} m")
+    for name, missed in episode.missed.items():
+        print(f"{name}: {100 * missed:.2f} % beyond its limit in the mean")
+    return episode.distance / episode.commanded
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--terrain", default="stairs", choices=list(trot_mppi.terrains))
+    parser.add_argument("--horizon", type=int, default=10)
+    parser.add_argument("--steps", type=int, default=400)
+    print(f"{main(**vars(parser.parse_args())):.2f} of the way")

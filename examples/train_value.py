@@ -1,0 +1,39 @@
+"""Learn the terminal value of the trot on flat ground: sampled states, closed loops from them, temporal differences."""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import trot_mppi
+
+from piaffe.sampling import CollectOptions, LearnOptions, train_value
+
+collecting = CollectOptions(
+    shards=20,
+    rounds=2,
+    episodes=60,  # many and short: what counts is how perturbed states go on
+    episode_steps=16,
+    horizon=8,
+    explore=replace(trot_mppi.options, samples=256),
+    follow=replace(trot_mppi.options, samples=256, first_stages=3),
+)
+learning = LearnOptions(updates=15_000)
+problem = trot_mppi.sampled_problem()
+
+
+def main(out: str = "solo12_trot.value", shards: int = collecting.shards, updates: int = learning.updates) -> float:
+    """Learn, write the file and return the mean value of what was learned from."""
+    value = train_value(
+        problem, out, reward=trot_mppi.reward,
+        collecting=replace(collecting, shards=shards), learning=replace(learning, updates=updates),
+    )  # fmt: skip
+    print(f"{Path(out).stat().st_size / 1e6:.1f} MB")
+    return float(value.record["curves"]["mean_value"][-1])
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", default="solo12_trot.value")
+    parser.add_argument("--shards", type=int, default=collecting.shards)
+    parser.add_argument("--updates", type=int, default=learning.updates)
+    print(f"mean value {main(**vars(parser.parse_args())):.2f}")

@@ -1,0 +1,75 @@
+"""Solo12 trots at 0.3 m/s: one declaration, optimised by MSiLQR and run by TD-CD-MPPI on MuJoCo roll-outs."""
+
+from pathlib import Path
+
+import casadi as cs
+
+from piaffe import models, ocp, sampling, solvers
+from piaffe.models import base, feet, joints
+
+SPEED = 0.3  # [m/s]
+HIP_LIMIT, HEIGHT_LIMIT = 0.1, 0.245  # [rad], [m]
+
+robot = models.load("solo12", rotors=True)
+body = models.WholeBody(robot)
+trot = models.gaits.trot(SPEED, stance_time=0.25, swing_height=0.06, height=0.27)  # above the limit, which has to work
+objective = ocp.Objective(
+    ocp.track(base.linear_velocity, weight=(2, 2, 0)),
+    ocp.track(base.angular_velocity, weight=(0, 0, 0.2)),
+    ocp.track(base.orientation, weight=(1, 1, 0.6)),
+    ocp.track(feet.height, weight=80.0),
+    ocp.track(joints.position, weight=0.05),
+    ocp.track(joints.velocity, weight=1e-4),
+    ocp.regularize(joints.torque, weight=1e-3),
+)
+limits = ocp.Constraints(
+    models.joint_range("HAA", HIP_LIMIT, scale=HIP_LIMIT),
+    models.base_height(maximum=HEIGHT_LIMIT, scale=HEIGHT_LIMIT),
+)
+friction = models.friction_cone(mu=0.6)  # the simulator has friction of its own
+start = body.state(joints="stand")
+problem = ocp.Problem(trot.cycles(3), body.until_end(dt=0.01), objective, limits + friction, initial=start)
+
+tall = 2 * (0.0, 0.6, -1.2) + 2 * (0.0, -0.6, 1.2)
+terrains = {
+    "flat": models.terrain.flat(),
+    "incline": models.terrain.incline(0.18),
+    "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
+}
+reward = sampling.Reward(scale=1.0)
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.1)
+value = Path(__file__).with_name("solo12_trot.value")  # made by train_value.py
+
+
+@ocp.residual
+def wide(s):
+    """How far hips go beyond their limit, as a penalty [rad]."""
+    return cs.fmax(cs.fabs(s.joints.position["HAA"]) - HIP_LIMIT, 0)
+
+
+@ocp.residual
+def high(s):
+    """How far the base goes beyond its limit, as a penalty [m]."""
+    return cs.fmax(s.base.height - HEIGHT_LIMIT, 0)
+
+
+def sampled_problem(terrain: str = "flat", horizon: int = 8, penalties: bool = False) -> ocp.Problem:
+    """Return the same trot on a terrain, with a horizon in steps of 20 ms; with penalties beside its limits if asked."""
+    targets = models.joint_targets(centre=tall, half_range={"HAA": 0.4, "HFE": 0.5, "KFE": 0.7})
+    plant = models.Mujoco(robot, terrain=terrains[terrain], action=targets)
+    aims = objective + wide.weighted(80.0) + high.weighted(1500.0) if penalties else objective
+    return ocp.Problem(trot, plant.over(0.02 * horizon, dt=0.02), aims, limits, initial=start)
+
+
+def main(steps: int = 400) -> float:
+    """Solve the trot, then run it on MuJoCo; return the speed that was reached there [m/s]."""
+    print(solvers.MSiLQR(problem).solve().raise_if_failed())
+    controller = sampling.TDCDMPPI(sampled_problem(), options, reward=reward, value=value)
+    episode = sampling.run_episode(controller, steps=steps)
+    for name, missed in episode.missed.items():
+        print(f"{name}: {100 * missed:.2f} % beyond its limit in the mean")
+    return episode.distance / float(episode.times[-1])
+
+
+if __name__ == "__main__":
+    print(f"{main():.2f} m/s")

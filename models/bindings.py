@@ -1,0 +1,97 @@
+"""How the quantities of a whole robot are bound: by the motion of its tree, for every model that has all its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import casadi as cs
+import numpy as np
+
+from piaffe.ocp.quantity import Bound, Quantity
+
+from .postures import HEIGHT, XYZ, foot_labels
+from .quantities import base, com, feet, frames, joints, momentum
+from .recursions import Recursion
+from .robot import Robot
+from .terrain import Terrain
+from .tree import Inertials, Point
+
+
+class Makers(dict[str, Callable[[], Bound]]):
+    """Quantities by path, each made when it is first asked for."""
+
+    def supply(
+        self, quantity: Quantity, labels: tuple[str, ...], value: Callable[[], cs.SX], mask: cs.SX | None = None
+    ) -> None:
+        """Say how a quantity is made, and the names of its components."""
+        self[quantity.path] = lambda: Bound(quantity, value(), labels, mask)
+
+
+def bind_motion(
+    robot: Robot, points: Mapping[str, Point], motion: Recursion, x: cs.SX, p: Mapping[str, cs.SX], terrain: Terrain
+) -> Makers:
+    """Return the quantities that follow from positions and velocities alone.
+
+    Args:
+        robot: the robot.
+        points: its frames, see :func:`frame_points`.
+        motion: its tree in the state x.
+        x: the state, (nx, 1).
+        p: ``contact``, ``landing``, ``lifting``, ``foot_radius`` and what the links weigh, as slots of the whole body.
+        terrain: what the feet stand on.
+    """
+    body, stacked, names, toes = inertials(p), foot_labels(robot), robot.joint_names, foot_points(robot, points)
+    nq, make = motion.tree.nv + 1, Makers()
+
+    def places() -> list[cs.SX]:
+        return [motion.point(point) for point in toes]
+
+    def gaps() -> cs.SX:
+        gap: cs.SX = cs.vertcat(*(place[2] - terrain.height(place[0], place[1]) for place in places()))
+        return gap - p["foot_radius"]
+
+    def height() -> cs.SX:
+        found = places()
+        above: cs.SX = x[2] - terrain.mean_height([place[0] for place in found], [place[1] for place in found])
+        return above
+
+    make.supply(base.position, XYZ, lambda: motion.position)
+    make.supply(base.orientation, XYZ, lambda: x[3:7])
+    make.supply(base.linear_velocity, XYZ, lambda: motion.v[:3])
+    make.supply(base.angular_velocity, XYZ, lambda: motion.v[3:6])
+    make.supply(base.height, HEIGHT, height)
+    make.supply(joints.position, names, lambda: x[7:nq])
+    make.supply(joints.velocity, names, lambda: motion.v[6:])
+    make.supply(feet.position, stacked, lambda: cs.vertcat(*places()))
+    make.supply(feet.velocity, stacked, lambda: cs.vertcat(*map(motion.velocity, toes)))
+    make.supply(feet.height, robot.foot_names, gaps)
+    make.supply(feet.contact, robot.foot_names, lambda: p["contact"])
+    make.supply(feet.landing, robot.foot_names, lambda: p["landing"])
+    make.supply(feet.lifting, robot.foot_names, lambda: p["lifting"])
+    make.supply(com.position, XYZ, lambda: motion.centre_of_mass(body))
+    make.supply(com.velocity, XYZ, lambda: motion.momentum(body)[0] / cs.sum1(p["link_mass"]))
+    make.supply(momentum, XYZ, lambda: motion.momentum(body)[1])
+    for name, point in points.items():
+        make.supply(frames[name].position, XYZ, partial(motion.point, point))
+        make.supply(frames[name].velocity, XYZ, partial(motion.velocity, point))
+    return make
+
+
+def inertials(p: Mapping[str, cs.SX]) -> Inertials:
+    """Return what the links weigh, from the slots ``link_mass``, ``link_com`` and ``link_inertia``."""
+    return Inertials.of(p["link_mass"], p["link_com"], p["link_inertia"])
+
+
+def frame_points(robot: Robot) -> dict[str, Point]:
+    """Return the origin of every frame; a joint and a link of one name are at one place."""
+    points: dict[str, Point] = {}
+    for frame in robot.model.frames:
+        if frame.parentJoint > 0:
+            points.setdefault(frame.name, Point(int(frame.parentJoint) - 1, np.array(frame.placement.translation)))
+    return points
+
+
+def foot_points(robot: Robot, points: Mapping[str, Point]) -> tuple[Point, ...]:
+    """Return the feet among a robot's frames, in order."""
+    return tuple(points[foot.frame] for foot in robot.feet)

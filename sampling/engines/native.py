@@ -1,0 +1,180 @@
+"""Rollouts on the CPU: MuJoCo's own loop in C, in a pool of threads that stays."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, SamplingError
+from piaffe.models.mujoco_look import import_mujoco
+
+from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes
+
+CHUNKS_PER_THREAD = 10
+
+
+@dataclass(frozen=True, slots=True)
+class _Buffers:
+    """Memory of one size of rollout; `simulated` is (time, x) after every step of the simulator."""
+
+    models: list[Any]
+    initial: Array  # (n, 1 + nx)
+    held: Array | None  # (n, S · substeps, nu)
+    simulated: Array  # (n, S · substeps, 1 + nx)
+    sensors: Array
+    states: Array  # (n, S + 1, nx)
+
+
+class NativeEngine(Engine):
+    """Simulates samples side by side in threads, by ``mujoco.rollout``.
+
+    Memory is kept per size of rollout: a second call of the same size allocates nothing. The GIL is released while
+    MuJoCo works. Equal calls give equal states, whatever ran before and however many threads there are.
+
+    Args:
+        model: what to simulate. A sample's control is held over the model's substeps.
+        threads: number of threads, default one per available core; 0 works on the calling thread.
+        warm_start: whether MuJoCo's contact solver starts from the last step's solution, as the model has it unless
+            given. A rollout's first step never does.
+        chunk: samples that a thread takes at a time, default a tenth of its share.
+    """
+
+    def __init__(
+        self, model: Simulated, *, threads: int | None = None, warm_start: bool | None = None, chunk: int | None = None
+    ) -> None:
+        mujoco = import_mujoco()
+        from mujoco.rollout import Rollout
+
+        self.threads = _cores() if threads is None else threads
+        self.substeps = model.substeps
+        self._chunk = chunk
+        self._mujoco = mujoco
+        self._model = own_copy(mujoco, model.compiled(), warm_start=warm_start)
+        self.nq, self.nv, self.nu = self._model.nq, self._model.nv, self._model.nu
+        self._data = [mujoco.MjData(self._model) for _ in range(max(self.threads, 1))]
+        self._pool: Any = Rollout(nthread=self.threads)
+        self._buffers: dict[tuple[int, int], _Buffers] = {}
+
+    def rollout(self, x0: Array, controls: Array) -> Rollouts:
+        """Simulate control sequences from a state, or from one state each.
+
+        A sample fails when it leaves the finite numbers, moves faster than ``MAX_SPEED``, is given a control that is
+        not finite, or makes MuJoCo run out of memory for contacts; see :class:`Rollouts` for what its states are then.
+
+        Args:
+            x0: initial state, (nx,), or one per sample, (n, nx).
+            controls: (n, S, nu).
+
+        Raises:
+            ShapeError: an array has the wrong shape.
+            SamplingError: the engine was closed.
+        """
+        if self._pool is None:
+            raise SamplingError(
+                "native engine: rollout after close() - got a closed engine, expected an open one; make a new one"
+            )
+        x0, controls = shapes("native engine", x0, controls, self.nq + self.nv, self.nu)
+        n, steps = controls.shape[:2]
+        memory = self._memory(n, steps)
+        memory.initial[:, 1:] = x0
+        held = np.ascontiguousarray(controls)
+        if memory.held is not None:
+            memory.held.reshape(n, steps, self.substeps, self.nu)[:] = controls[:, :, None]
+            held = memory.held
+        with quiet(self._mujoco):
+            self._pool.rollout(
+                memory.models,
+                self._data,
+                memory.initial,
+                held,
+                skip_checks=True,
+                nstep=steps * self.substeps,
+                state=memory.simulated,
+                sensordata=memory.sensors,
+                chunk_size=self._chunk or max(1, n // (CHUNKS_PER_THREAD * max(self.threads, 1))),
+            )
+        memory.states[:, 0] = x0
+        memory.states[:, 1:] = memory.simulated[:, self.substeps - 1 :: self.substeps, 1:]
+        return Rollouts(memory.states, self._mend(memory, controls))
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.close()
+        self._pool = None
+        self._buffers.clear()
+
+    def _memory(self, n: int, steps: int) -> _Buffers:
+        if (n, steps) not in self._buffers:
+            nx, total = self.nq + self.nv, steps * self.substeps
+            self._buffers[n, steps] = _Buffers(
+                models=[self._model] * n,
+                initial=np.zeros((n, 1 + nx)),
+                held=np.empty((n, total, self.nu)) if self.substeps > 1 else None,
+                simulated=np.empty((n, total, 1 + nx)),
+                sensors=np.empty((n, total, self._model.nsensordata)),
+                states=np.empty((n, steps + 1, nx)),
+            )
+        return self._buffers[n, steps]
+
+    def _mend(self, memory: _Buffers, controls: Array) -> NDArray[np.bool_]:
+        """Return the failed samples, after letting them stand still."""
+        dt, time = self._model.opt.timestep, memory.simulated[:, :, 0]
+        # MuJoCo's loop stops the clock of a sample at its first warning
+        suspects = may_be_bad(memory.states, self.nq) | ~(time[:, -1] > (time.shape[1] - 0.5) * dt)
+        suspects |= ~np.isfinite(np.einsum("nsi->n", controls))
+        failed = np.zeros(len(controls), dtype=bool)
+        if samples := np.flatnonzero(suspects).tolist():
+            due = (np.arange(1, time.shape[1] + 1) - 0.5) * dt
+            stopped = ~(time[samples] > due)[:, self.substeps - 1 :: self.substeps]
+            stopped |= ~np.isfinite(controls[samples]).all(axis=2)
+            failed[samples] = hold_last_good(memory.states, self.nq, samples, stopped)
+        return failed
+
+
+def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool | None) -> Any:
+    """Return a copy of a compiled model that shows divergence instead of starting over.
+
+    Raises:
+        ModelError: the model's state is more than (qpos, qvel).
+    """
+    full = mujoco.mj_stateSize(compiled, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    if full != 1 + compiled.nq + compiled.nv:
+        raise ModelError(
+            f"engine: state of the simulated model - got {full - 1} numbers, expected {compiled.nq + compiled.nv}, "
+            "positions and speeds alone; use actuators without activation and no plug-ins"
+        )
+    model = copy.copy(compiled)
+    bits = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(bits.mjDSBL_AUTORESET)
+    if warm_start is not None:
+        cold = int(bits.mjDSBL_WARMSTART)
+        model.opt.disableflags = model.opt.disableflags & ~cold if warm_start else model.opt.disableflags | cold
+    return model
+
+
+@contextmanager
+def quiet(mujoco: Any) -> Iterator[None]:
+    """Keep MuJoCo from printing a line, and writing a log file, per diverged sample: the engine counts them."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(_ignore)
+    try:
+        yield
+    finally:
+        # of two rollouts at once the later began when this was ignored already
+        mujoco.set_mju_user_warning(None if before is _ignore else before)
+
+
+def _ignore(message: str) -> None:
+    """Drop a message."""
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,107 @@
+"""Evaluators: a mode's cost and violations over samples and steps, on one engine among several that agree.
+
+==========  ===========================================================  =======================
+engine      how                                                          needs
+==========  ===========================================================  =======================
+``native``  C in SIMD lanes over samples, on threads                     a C compiler
+``numpy``   the instruction list on NumPy arrays                         nothing
+``vm``      CasADi's virtual machine, sample after sample                nothing
+``jax``     the instruction list on JAX arrays, also within ``jit``      ``piaffe[sampling]``
+==========  ===========================================================  =======================
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Literal, get_args
+
+import casadi as cs
+
+from piaffe.errors import SamplingError
+from piaffe.ocp import LoweredMode
+from piaffe.solvers.native import NoCompilerError, NoCompilerWarning
+
+from ..scoring import scoring
+from .arrays import ArrayKernel
+from .evaluator import Evaluator as Evaluator
+from .evaluator import Rows as Rows
+from .evaluator import rows_inputs
+from .jax import JaxKernel
+from .kernel import Kernel
+from .native import NativeKernel, library_of
+from .vm import VmKernel
+
+EngineName = Literal["native", "numpy", "vm", "jax"]
+
+
+def evaluator(mode: LoweredMode, engine: EngineName = "native", *, threads: int | None = None) -> Evaluator:
+    """Return an evaluator of a mode.
+
+    Args:
+        mode: the lowered mode.
+        engine: ``"native"``, ``"numpy"``, ``"vm"`` or ``"jax"``; native becomes numpy, with one warning, where no
+            compiler works.
+        threads: of the native engine, at least 1; one per core by default.
+
+    Raises:
+        SamplingError: the engine is unknown, or JAX is not installed.
+        ModelError: an operation of the mode has no form on this engine.
+    """
+    own = scoring(mode)
+    functions = {"stage": own.stage, "terminal": own.terminal}
+    label = f"{mode.model.name}, scoring"
+    used, kernels = _kernels(functions, engine, label, by_row=True, threads=threads)
+    return Evaluator(own, used, kernels["stage"], kernels["terminal"])
+
+
+def rows(function: cs.Function, engine: EngineName = "native", *, threads: int | None = None) -> Rows:
+    """Return an evaluator of the rows of any function of a node, such as the inputs of a value function.
+
+    Args:
+        function: of columns named among x, u, z and p, with a column as its output.
+        engine: as in :func:`evaluator`.
+        threads: of the native engine, at least 1; one per core by default.
+
+    Raises:
+        ShapeError: the function is not one of a node.
+        SamplingError: the engine is unknown, or JAX is not installed.
+        ModelError: an operation of the function has no form on this engine.
+    """
+    rows_inputs(function)
+    inputs = [cs.SX.sym(name, function.size1_in(i)) for i, name in enumerate(function.name_in())]
+    output = cs.densify(function.call(inputs)[0])
+    dense = cs.Function(function.name(), inputs, [output], function.name_in(), ["rows"], {"cse": True})
+    used, kernels = _kernels({"rows": dense}, engine, f"{function.name()}, rows", by_row=False, threads=threads)
+    return Rows(used, kernels["rows"])
+
+
+def _kernels(
+    functions: Mapping[str, cs.Function], engine: str, label: str, *, by_row: bool, threads: int | None
+) -> tuple[str, dict[str, Kernel]]:
+    """Return the engine that is used and the kernel of each function."""
+    if engine not in get_args(EngineName):
+        known = " or ".join(f"'{name}'" for name in get_args(EngineName))
+        raise SamplingError(f"evaluator: engine is unknown - got {engine!r}, expected {known}; choose one")
+    threads = _cores() if threads is None else threads
+    if threads < 1:
+        raise SamplingError(f"evaluator: threads - got {threads}, expected 1 or more; correct it")
+    if engine == "native":
+        try:
+            library = library_of(tuple(functions.items()), label)
+        except NoCompilerError as error:
+            warnings.warn(f"evaluating in NumPy, about ten times slower: {error}", NoCompilerWarning, stacklevel=3)
+            engine = "numpy"
+        else:
+            return "native", {
+                name: NativeKernel(library, name, f, by_row=by_row, threads=threads) for name, f in functions.items()
+            }
+    return engine, {name: _KINDS[engine](f, by_row=by_row) for name, f in functions.items()}
+
+
+_KINDS: Mapping[str, Callable[..., Kernel]] = {"numpy": ArrayKernel, "vm": VmKernel, "jax": JaxKernel}
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

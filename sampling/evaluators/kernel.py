@@ -1,0 +1,46 @@
+"""What an engine does: one function of many samples at many steps."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as cs
+import numpy as np
+
+PER_SAMPLE = ("x", "u", "z")
+"""Names of inputs that differ between samples; all others are of the step alone."""
+
+
+class Kernel(ABC):
+    """A function y = f(x, u, z, p, ...) evaluated over n samples and S steps.
+
+    Not reentrant: results of an engine other than JAX are kept and overwritten by the next call for as many samples
+    and steps.
+
+    Args:
+        function: a function of dense columns with dense outputs.
+        by_row: whether the rows of an output come first, (m, n, S), or last, (n, S, m). Either way what comes first is
+            contiguous.
+    """
+
+    def __init__(self, function: cs.Function, *, by_row: bool) -> None:
+        self.function, self.by_row = function, by_row
+        self.inputs = tuple((name, function.size1_in(i)) for i, name in enumerate(function.name_in()))
+        self.sizes = tuple(function.size1_out(i) for i in range(function.n_out()))
+
+    @staticmethod
+    def array(value: Any) -> Any:
+        """Return what a user gave as an array of this engine."""
+        return np.asarray(value, dtype=float)
+
+    @abstractmethod
+    def __call__(self, arguments: Sequence[Any], n: int, steps: int) -> list[Any]:
+        """Return the outputs.
+
+        Args:
+            arguments: in the function's order (n, S, size) for x, u and z, (S, size) for others; of any strides.
+            n: number of samples.
+            steps: S.
+        """

@@ -1,0 +1,162 @@
+"""Functions as C in lanes over samples, on threads."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp.lanes import generate
+from piaffe.solvers.native import build, load
+from piaffe.solvers.native.build import SOLVER_FLAGS
+
+from .kernel import PER_SAMPLE, Kernel
+
+Array = NDArray[np.float64]
+
+_TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
+    "run.h", "run.c"
+)}  # fmt: skip
+_ALIGNMENT = 64  # bytes: of the widest vectors
+_DOUBLE = 8  # bytes
+_SHARE = 64  # blocks of lanes that are worth a thread: some ten microseconds of work
+_KEPT = 8  # results, of as many numbers of samples and steps
+
+
+class _Input(ct.Structure):
+    _fields_ = (
+        ("data", ct.c_void_p), ("sample", ct.c_long), ("step", ct.c_long), ("size", ct.c_int), ("shared", ct.c_int),
+    )  # fmt: skip
+
+
+class _Output(ct.Structure):
+    _fields_ = (
+        ("data", ct.c_void_p), ("row", ct.c_long), ("step", ct.c_long), ("sample", ct.c_long), ("size", ct.c_int),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """Functions compiled together.
+
+    Args:
+        loaded: the library.
+        width: lanes.
+        work: doubles of work per lane and function.
+    """
+
+    loaded: ct.CDLL
+    width: int
+    work: Mapping[str, int]
+
+
+@lru_cache(maxsize=64)
+def library_of(functions: tuple[tuple[str, cs.Function], ...], label: str = "sampling") -> Library:
+    """Return the library of named functions, built or found once per process.
+
+    Args:
+        functions: C name and function of each.
+        label: what it is for, to be shown with the cache.
+
+    Raises:
+        NoCompilerError: no compiler works here.
+        CompileError: the compiler refuses a text.
+    """
+    units = generate(dict(functions))
+    runner = ("run", _TEMPLATES["run.c"])
+    built = build(
+        [*((unit.name, unit.text) for unit in units.units), runner],
+        headers={**units.headers, "run.h": _TEMPLATES["run.h"]},
+        flags_per_unit={"run": SOLVER_FLAGS},
+        label=label,
+    )
+    return Library(load(built), built.width, units.work)
+
+
+class NativeKernel(Kernel):
+    """A function of a compiled library.
+
+    Args:
+        library: the library.
+        name: of the function in it.
+        function: the function.
+        by_row: see :class:`Kernel`.
+        threads: how many share the samples.
+    """
+
+    def __init__(self, library: Library, name: str, function: cs.Function, *, by_row: bool, threads: int) -> None:
+        super().__init__(function, by_row=by_row)
+        self._width, self._threads = library.width, threads
+        self._run = library.loaded.run
+        self._run.restype = None
+        self._address = ct.cast(getattr(library.loaded, name), ct.c_void_p)
+        lanes = sum(size for _, size in self.inputs) + sum(self.sizes) + library.work[name]
+        self._memory = [_aligned(lanes * library.width) for _ in range(threads)]
+        self._in = (_Input * max(len(self.inputs), 1))()
+        self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+        self._results: dict[tuple[int, int], tuple[list[Array], ct.Array[_Output]]] = {}
+
+    def __call__(self, arguments: Sequence[Array], n: int, steps: int) -> list[Array]:
+        """Return the outputs."""
+        results, out = self._results_for(n, steps)
+        kept = []
+        for each, (name, size), argument in zip(self._in, self.inputs, arguments, strict=True):
+            if argument.strides[-1] != _DOUBLE or any(stride % _DOUBLE for stride in argument.strides):
+                argument = np.ascontiguousarray(argument)
+                kept.append(argument)
+            each.data, each.size, each.shared = argument.ctypes.data, size, name not in PER_SAMPLE
+            each.sample, each.step = (0, *argument.strides[:-1])[-2:]
+            each.sample, each.step = each.sample // _DOUBLE, each.step // _DOUBLE
+
+        def run(part: tuple[int, int, int]) -> None:
+            thread, first, last = part
+            self._run(
+                self._address, ct.c_int(len(self.inputs)), self._in, ct.c_int(len(self.sizes)), out,
+                ct.c_long(steps), ct.c_long(first), ct.c_long(last), ct.c_void_p(self._memory[thread].ctypes.data),
+            )  # fmt: skip
+
+        own, *others = self._parts(n, steps)
+        started = [self._pool.submit(run, part) for part in others] if self._pool is not None else []
+        run(own)
+        for each_started in started:
+            each_started.result()
+        return results
+
+    def _parts(self, n: int, steps: int) -> list[tuple[int, int, int]]:
+        """Return thread, first and last sample of each thread's share: whole blocks but for the last."""
+        blocks = -(-n // self._width)
+        threads = max(1, min(self._threads, blocks, blocks * steps // _SHARE))
+        ends = [min(n, self._width * round(blocks * i / threads)) for i in range(threads + 1)]
+        return [(i, ends[i], ends[i + 1]) for i in range(threads)]
+
+    def _results_for(self, n: int, steps: int) -> tuple[list[Array], ct.Array[_Output]]:
+        if (n, steps) not in self._results:
+            if len(self._results) == _KEPT:
+                self._results.pop(next(iter(self._results)))
+            results, out = [], (_Output * len(self.sizes))()
+            for each, size in zip(out, self.sizes, strict=True):
+                if self.by_row:
+                    memory = _aligned(size * steps * n).reshape(size, steps, n)
+                    results.append(memory.transpose(0, 2, 1))
+                    each.row, each.step, each.sample = steps * n, n, 1
+                else:
+                    memory = _aligned(n * steps * size).reshape(n, steps, size)
+                    results.append(memory)
+                    each.row, each.step, each.sample = 1, size, steps * size
+                each.data, each.size = memory.ctypes.data, size
+            self._results[n, steps] = results, out
+        return self._results[n, steps]
+
+
+def _aligned(count: int) -> Array:
+    """Return zeros (count,) at an address that vectors may begin at."""
+    raw = np.zeros(count + _ALIGNMENT // _DOUBLE)
+    first = (-raw.ctypes.data % _ALIGNMENT) // _DOUBLE
+    return raw[first : first + count]

@@ -1,0 +1,87 @@
+"""Options of the sampling controllers: one frozen value for the whole family."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from piaffe.errors import SamplingError
+
+NoiseSchedule = Literal["factors", "exponential"]
+Shift = Literal["step", "elapsed"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of :class:`MPPI` and its relatives; each controller has defaults of its own.
+
+    Args:
+        samples: perturbed roll-outs per stage, N; the unperturbed plan is one more.
+        knots: spline intervals over the horizon; the plan has one node more per control.
+        temperature: λ of the weights exp((R − R_best) / (λ std R)), without unit.
+        sigma: standard deviation of the last node's perturbation at the first stage; 1 is half of a control's range.
+        stages: annealing stages per plan.
+        first_stages: annealing stages of the first plan.
+        noise: ``"factors"``: σ = sigma · stage_factor^i · node_factor^(n − j) for stage i and node j of n;
+            ``"exponential"``: σ = sigma · exp(−i / (stage_factor · stages) − (n − j) / (node_factor · n)), as in the
+            paper of DIAL-MPC.
+        stage_factor: β₁, how perturbations shrink from stage to stage.
+        node_factor: β₂, how they shrink from the horizon's end to its start.
+        shift: how the last plan becomes a guess: ``"step"``: by one step, the centre of the controls' range appended;
+            ``"elapsed"``: by the time since the last plan, the spline extended beyond its end.
+        discount: γ₀ per step of the constraint-discounted return.
+        p_max: largest discount per constraint: a number for all, or by constraint's name, 0 to leave one out.
+        violation_rate: τ of the moving maximum of each violation.
+        violation_floor: least moving maximum, in units of the row's scale: smaller violations are discounted less.
+        seed: of the perturbations.
+        engine: rolls out: ``"native"`` (mujoco.rollout on threads) or ``"mjx"`` (JAX).
+        threads: of roll-outs and evaluation; None for one per core.
+    """
+
+    samples: int = 1024
+    knots: int = 4
+    temperature: float = 0.2
+    sigma: float = 1.0
+    stages: int = 1
+    first_stages: int = 10
+    noise: NoiseSchedule = "factors"
+    stage_factor: float = 0.5
+    node_factor: float = 0.9
+    shift: Shift = "step"
+    discount: float = 0.9
+    p_max: float | Mapping[str, float] = field(default=0.25)
+    violation_rate: float = 0.5
+    violation_floor: float = 1e-3
+    seed: int = 0
+    engine: Literal["native", "mjx"] = "native"
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        whole = {"samples": 1, "knots": 2, "stages": 1, "first_stages": 1, "seed": 0}
+        for name, least in whole.items():
+            if not (isinstance(getattr(self, name), int) and getattr(self, name) >= least):
+                self._refuse(name, f"a whole number, at least {least}")
+        for name in ("temperature", "sigma", "stage_factor", "node_factor", "violation_floor"):
+            if not getattr(self, name) > 0:
+                self._refuse(name, "a positive number")
+        for name in ("discount", "violation_rate"):
+            if not 0 < getattr(self, name) <= 1:
+                self._refuse(name, "a number in (0, 1]")
+        if self.threads is not None and self.threads < 1:
+            self._refuse("threads", "a whole number, at least 1, or None")
+        for name, choices in (
+            ("noise", ("factors", "exponential")),
+            ("shift", ("step", "elapsed")),
+            ("engine", ("native", "mjx")),
+        ):
+            if getattr(self, name) not in choices:
+                self._refuse(name, " or ".join(f"'{choice}'" for choice in choices))
+        shares = self.p_max.values() if isinstance(self.p_max, Mapping) else (self.p_max,)
+        if not all(0 <= share <= 1 for share in shares):
+            self._refuse("p_max", "numbers in [0, 1]")
+
+    def _refuse(self, name: str, expected: str) -> None:
+        raise SamplingError(
+            f"sampling options: {name} is out of range - got {getattr(self, name)!r}, expected {expected}; change it"
+        )

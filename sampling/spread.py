@@ -1,0 +1,68 @@
+"""How initial states differ from seed to seed, so that a controller is not judged by one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import SamplingError
+from piaffe.models import base, joints
+
+Array = NDArray[np.float64]
+
+_OWN_STREAM = 1  # perturbations of plans are drawn from the seed alone
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spread:
+    """Standard deviations of an initial state; position and orientation of the base stay.
+
+    Args:
+        joints: of every joint's angle [rad].
+        joint_velocity: of every joint's velocity [rad/s].
+        linear_velocity: of the base's linear velocity, per axis [m/s].
+        angular_velocity: of the base's angular velocity, per axis [rad/s].
+
+    Raises:
+        SamplingError: one is negative or no number.
+    """
+
+    joints: float = 0.02
+    joint_velocity: float = 0.1
+    linear_velocity: float = 0.02
+    angular_velocity: float = 0.05
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, bool) or not (isinstance(value, int | float) and 0 <= value < float("inf")):
+                raise SamplingError(
+                    f"spread: {field.name} is out of range - got {value!r}, expected a standard deviation, at least 0; "
+                    "change it"
+                )
+
+    def around(self, model: Any, x: ArrayLike, seed: int) -> Array:
+        """Return a state near another, the same for the same seed.
+
+        Args:
+            model: a legged model, whose state it is.
+            x: state (nx,).
+            seed: of the random numbers.
+        """
+        random = np.random.default_rng((seed, _OWN_STREAM))
+        near = np.array(x, dtype=float)
+        deviations = {
+            joints.position: self.joints, joints.velocity: self.joint_velocity,
+            base.linear_velocity: self.linear_velocity, base.angular_velocity: self.angular_velocity,
+        }  # fmt: skip
+        for quantity, deviation in deviations.items():
+            where = model.state.slices[quantity]
+            near[where] += deviation * random.standard_normal(near[where].shape)
+        return near
+
+
+STILL = Spread(joints=0.0, joint_velocity=0.0, linear_velocity=0.0, angular_velocity=0.0)
+"""No difference between seeds but their perturbations of plans."""

@@ -1,0 +1,221 @@
+"""Value functions in one small file each, which says what it was learnt for and refuses to serve anything else."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import zipfile
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import FileFormatError, SamplingError
+from piaffe.ocp.nodes import Nodes
+
+from .compiled import compiled_network
+from .fingerprint import Entries, differences, fingerprint
+from .inputs import BoundInputs, Feature, ValueInputs
+from .network import Network, Single
+
+if TYPE_CHECKING:
+    from ..mppi import MPPI
+
+Array = NDArray[np.float64]
+Precision = Literal["half", "single"]
+
+FORMAT, VERSION = "piaffe-value", 1
+_EXACT = ("mean", "std", "head_bias")  # kept in single precision whatever the others are
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """A value function: what a state is still going to return, V = E[γ₀ (1 − δ) (r + V')], never negative.
+
+    A robot that has fallen has no value: :meth:`__call__` returns 0 there.
+
+    Args:
+        network: V of inputs.
+        inputs: what it sees.
+        made_for: the fingerprint of what it was learnt for, see :mod:`piaffe.sampling.value.fingerprint`.
+        record: how it was learnt: options, figures, curves, ``constraints`` and their ``c_max``, the command that made
+            it; anything JSON-able.
+        fall: ``tilt`` [rad] and ``height`` [m] beyond which a robot has fallen; empty if it cannot fall.
+    """
+
+    network: Network
+    inputs: ValueInputs
+    made_for: Entries
+    record: Entries = field(default_factory=dict)
+    fall: Mapping[str, float] = field(default_factory=dict)
+    _bound: dict[Nodes, BoundInputs] = field(default_factory=dict, repr=False)
+
+    def __call__(self, states: Array, k: int, nodes: Nodes) -> Array:
+        """Return V of states at a node, (n,).
+
+        Args:
+            states: (n, nx).
+            k: index of the node; its time is ``k dt``.
+            nodes: of the problem.
+        """
+        if nodes not in self._bound:
+            self._bound[nodes] = self.inputs.bind(nodes)
+        seen = self._bound[nodes](states, k)
+        values = self._compiled(seen).astype(float)
+        values[self._fallen(seen)] = 0.0
+        return values
+
+    @cached_property
+    def _compiled(self) -> Callable[[Array], Single]:
+        return compiled_network(self.network)
+
+    @property
+    def discount(self) -> float:
+        """γ₀."""
+        return float(self.made_for["discount"])
+
+    def _fallen(self, seen: Array) -> NDArray[np.bool_]:
+        """Return which rows of inputs (n, m) are falls; what they do not tell is none."""
+        fallen, start = np.zeros(len(seen), dtype=bool), 0
+        for name, size in self.made_for["inputs"].items():
+            if name == "gravity" and "tilt" in self.fall:
+                fallen |= -seen[:, start + 2] < np.cos(self.fall["tilt"])
+            if name == "base height" and "height" in self.fall:
+                fallen |= seen[:, start] < self.fall["height"]
+            start += size
+        return fallen
+
+    def check(self, controller: MPPI, allow: Collection[str] = (), where: str = "value") -> None:
+        """Raise unless the value was learnt for what a controller does.
+
+        Args:
+            controller: the controller.
+            allow: entries that may differ: ``"terrain"``, ``"payload"``, ``"motion.commands"``,
+                ``"objective.track base.height"``, …
+            where: for the message.
+
+        Raises:
+            SamplingError: an entry differs that is not allowed to; the message names it.
+        """
+        now = fingerprint(controller.nodes, controller.reward, controller.options, self.inputs)
+        found = differences(self.made_for, json.loads(json.dumps(now)))
+        found = [each for each in found if not any(each[0] == n or each[0].startswith(f"{n}.") for n in allow)]
+        if found:
+            path, kept, here = found[0]
+            entries = tuple(dict.fromkeys(each.split(".")[0] for each, _, _ in found))
+            raise SamplingError(
+                f"{where}: was learnt for something else - got '{path}' {_brief(here)}, expected {_brief(kept)}"
+                f"{f' (and {len(found) - 1} more differ)' if len(found) > 1 else ''}; learn one for this problem, or "
+                f"pass allow={entries} to use it all the same"
+            )
+
+    def save(self, path: str | os.PathLike[str], precision: Precision = "single") -> Path:
+        """Write the value to one file, which appears whole or not at all.
+
+        Args:
+            path: ending in ``.value``, which is added if it is missing.
+            precision: of the weights; half makes the file half as large and the values about 1e-3 less exact.
+
+        Returns:
+            Where it was written.
+        """
+        target = Path(path)
+        target = target if target.suffix == ".value" else target.with_name(target.name + ".value")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        kind = np.float16 if precision == "half" else np.float32
+        header = {
+            "format": FORMAT, "version": VERSION, "precision": precision, "hidden": self.network.hidden,
+            "made_for": self.made_for, "fall": dict(self.fall), "record": self.record,
+        }  # fmt: skip
+        buffer = BytesIO()
+        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(_entry("manifest.json"), json.dumps(header, indent=1))
+            for name, values in self.network.arrays().items():
+                member = BytesIO()
+                np.save(member, values if name in _EXACT else values.astype(kind))
+                archive.writestr(_entry(f"{name.replace('/', '.')}.npy"), member.getvalue())
+        write_whole(target, buffer.getvalue())
+        return target
+
+
+def load_value(
+    path: str | os.PathLike[str],
+    controller: MPPI | None = None,
+    *,
+    allow: Collection[str] = (),
+    features: Iterable[Feature] = (),
+) -> Value:
+    """Return the value function of a file.
+
+    Args:
+        path: the file.
+        controller: what it is to serve; it is refused if it was learnt for something else. None to look at it only.
+        allow: entries that may differ, see :meth:`Value.check`.
+        features: inputs of one's own that it was learnt with.
+
+    Raises:
+        FileFormatError: the file is no value file, is damaged, or was written by a newer version.
+        SamplingError: the value was learnt for another robot, objective, reward, discount, …
+        UnknownNameError: it has an input that is not among the features.
+    """
+    file = Path(path)
+    header, arrays = _read(file)
+    own = {feature.name: feature for feature in features}
+    inputs = ValueInputs([own.get(name, name) for name in header["made_for"]["inputs"]])
+    value = Value(Network.from_arrays(arrays), inputs, header["made_for"], header["record"], header["fall"])
+    if controller is not None:
+        value.check(controller, allow, f"value '{file}'")
+    return value
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that appears whole or not at all."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
+    try:
+        with temporary.open("xb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:
+    try:
+        with zipfile.ZipFile(file) as archive:
+            header = json.loads(archive.read("manifest.json"))
+            arrays = {
+                name.removesuffix(".npy").replace(".", "/"): np.load(BytesIO(archive.read(name)), allow_pickle=False)
+                for name in archive.namelist()
+                if name.endswith(".npy")
+            }
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+        raise FileFormatError(
+            f"value '{file}': cannot be read - got {error}, expected a file written by Value.save; copy or learn it "
+            "again"
+        ) from error
+    if header.get("format") != FORMAT or header.get("version", 0) > VERSION:
+        raise FileFormatError(
+            f"value '{file}': is of another kind - got format {header.get('format')!r}, version "
+            f"{header.get('version')}, expected '{FORMAT}' up to version {VERSION}; update Piaffe or learn it again"
+        )
+    return header, arrays
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name)  # dated 1980: the same value makes the same file
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
+
+
+def _brief(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

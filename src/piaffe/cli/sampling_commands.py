@@ -1,0 +1,227 @@
+"""The commands that sample: ``piaffe mppi`` runs a controller in closed loop, ``piaffe study`` many of them."""
+
+from __future__ import annotations
+
+import ast
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from piaffe.errors import SamplingError
+
+from .reports import as_json, plain, terminal
+
+FAILED = 1
+STALE = ("refuse", "keep", "redo")
+
+SampledFile = Annotated[
+    str,
+    typer.Argument(
+        metavar="FILE[:name]", help="Python file with `sampled_problem` or `problem`, or another name after a colon."
+    ),
+]
+
+
+def mppi(
+    file: SampledFile,
+    controller: Annotated[str, typer.Option(help="td-cd, dial or mppi.")] = "td-cd",
+    value: Annotated[
+        str | None, typer.Option(metavar="V", help="Value at the horizon's end; the file's by default, or `none`.")
+    ] = None,
+    allow: Annotated[
+        str, typer.Option(metavar="'NAME ...'", help="In what the value may differ from what it was learnt for.")
+    ] = "",
+    steps: Annotated[int, typer.Option(min=1, help="Control steps per episode.")] = 400,
+    seeds: Annotated[int, typer.Option(min=1, help="Run seeds 0, 1, ... so many.")] = 1,
+    seed: Annotated[int | None, typer.Option(min=0, help="Run this seed alone.")] = None,
+    horizon: Annotated[int | None, typer.Option(min=2, help="Steps H; the declared one by default.")] = None,
+    samples: Annotated[int | None, typer.Option(min=1, help="Perturbed roll-outs per stage.")] = None,
+    temperature: Annotated[float | None, typer.Option(help="λ of the weights.")] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="Any other option of the controller, or argument of FILE's function."
+        ),
+    ] = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="Of roll-outs; one per core by default.")] = None,
+    payload: Annotated[float, typer.Option(help="Mass on the plant's base that the planner does not know [kg].")] = 0.0,
+    friction: Annotated[
+        float | None, typer.Option(help="Friction of the plant; that of the planner by default.")
+    ] = None,
+    latency: Annotated[float, typer.Option(help="From a state to the control planned for it [s].")] = 0.0,
+    plant_timestep: Annotated[float, typer.Option(help="Step of the plant's simulator [s].")] = 0.002,
+    spread: Annotated[
+        bool, typer.Option("--spread/--no-spread", help="Let initial states differ from seed to seed.")
+    ] = True,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+    video: Annotated[
+        Path | None, typer.Option(metavar="V.mp4", help="Film the first seed; V.png for six moments.")
+    ] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Of the film, in pixels.")] = "1280x720",
+    plot: Annotated[Path | None, typer.Option(metavar="P.png", help="Draw all seeds over time.")] = None,
+    save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the episodes.")] = None,
+) -> None:
+    """Run a sampling controller in closed loop on a simulated plant. Exit code 1 unless every seed succeeds."""
+    if video is not None:
+        from . import gl
+        from .cuts import is_sheet, picture_size
+
+        is_sheet(video)
+        shape = picture_size(size)
+        gl.prepare()  # before MuJoCo is imported
+    if plot is not None:
+        from .figure import require_picture
+
+        require_picture(plot)
+
+    from piaffe.sampling.records import save_episodes
+
+    from .episodes import episode_values, print_episodes
+    from .sampled import load_declared
+    from .trials import complete, prepare
+
+    given: dict[str, Any] = {
+        "controller": controller, "value": value, "allow": allow, "steps": steps, "horizon": horizon,
+        "payload": payload, "friction": friction, "latency": latency, "plant_timestep": plant_timestep,
+        "spread": spread,
+    }  # fmt: skip
+    given |= {k: v for k, v in {"samples": samples, "temperature": temperature}.items() if v is not None}
+    given |= dict(pair(text) for text in setting or [])
+    with redirect_stdout(sys.stderr) if json else nullcontext():
+        declared = load_declared(file)
+        trial = prepare(declared, complete(declared, given, "command line"), threads)
+    chosen = range(seeds) if seed is None else [seed]
+    episodes = {}
+    try:
+        with bars() as progress:
+            overall = progress.add_task("seeds", total=len(chosen))
+            for each in chosen:
+                inner = progress.add_task(f"seed {each}", total=steps)
+                episodes[each] = trial.run(each, _advance(progress, inner))
+                progress.remove_task(inner)
+                progress.advance(overall)
+    finally:
+        trial.close()
+    values = episode_values(trial, episodes)
+    said = []
+    if save is not None:
+        about = {key: values[key] for key in ("controller", "problem", "plant", "settings")}
+        said.append(save_episodes(save, {f"seed {each}": episode for each, episode in episodes.items()}, about))
+    if plot is not None:
+        from .episode_figure import plot_episodes
+
+        said.append(plot_episodes(plot, trial, episodes))
+    if video is not None:
+        from .episode_film import film_episode
+        from .trials import TITLES
+
+        said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=TITLES[controller]))
+    if json:
+        print(as_json(values))
+    else:
+        print_episodes(terminal(), values)
+        for path in said:
+            print(f"saved {path}")
+    raise typer.Exit(0 if values["successes"] == len(chosen) else FAILED)
+
+
+def _advance(progress: Progress, bar: TaskID) -> Callable[[int, int], None]:
+    """Return what an episode calls after every step."""
+    return lambda done, steps: progress.update(bar, completed=done)
+
+
+def study(
+    file: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="What to run in which combinations.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the results; STUDY beside STUDY.toml by default.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Episodes at a time; one per core by default.")] = None,
+    executor: Annotated[str, typer.Option(metavar="KIND", help="process, or dask:ADDRESS of a scheduler.")] = "process",
+    stale: Annotated[
+        str, typer.Option(help="Episodes made from other code or another value: refuse, keep or redo.")
+    ] = "refuse",
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check the study, say what would be run, and end.")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
+) -> None:
+    """Run a grid of controllers and settings over seeds, continue where it was left, and draw what came of it.
+
+    Every episode is kept when it is done. Exit code 1 if some could not be run.
+    """
+    from piaffe.sampling.study import Study, require_pyarrow, write_parquet
+
+    from .study_figures import draw_study
+    from .study_file import read_study
+    from .study_tables import cells, print_cells, write_tables
+    from .workers import FileTask, executor_of
+
+    require_pyarrow()
+    if stale not in STALE:
+        raise SamplingError(f"--stale: is unknown - got '{stale}', expected one of {list(STALE)}; choose one")
+    declared = read_study(file)
+    folder = out or file.with_suffix("")
+    whole = Study(declared.cases, folder)
+    missing = whole.missing(stale)  # type: ignore[arg-type]  # checked above
+    console = terminal(stderr=json)
+    console.print(f"{len(declared.cases)} episodes, {len(missing)} of them to run; results in {folder}", soft_wrap=True)
+    if dry_run:
+        raise typer.Exit(0)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = workers or cores
+    threads = max(1, cores // count)
+    failures = {}
+    if missing:
+        with executor_of(executor, count, threads) as pool, bars() as progress:
+            bar = progress.add_task("episodes", total=len(missing))
+            failures = whole.run(
+                FileTask(declared.spec, str(file.parent), threads), pool, stale=stale,  # type: ignore[arg-type]  # checked above
+                heard=lambda case, error: progress.advance(bar),
+            )  # fmt: skip
+    rows = whole.rows()
+    saved = []
+    if rows:
+        saved = [write_parquet(folder / "episodes.parquet", rows), *write_tables(folder, rows)]
+        saved += draw_study(folder, whole, declared, rows)
+    for case, error in failures.items():
+        terminal(stderr=True).print(
+            f"[bold red]failed:[/] {case.label}, seed {case.seed}: {plain(str(error))}", soft_wrap=True
+        )
+    if json:
+        print(as_json({
+            "episodes": len(declared.cases), "done": len(rows), "failed": len(failures),
+            "cells": cells(rows) if rows else [], "files": [str(path) for path in saved],
+        }))  # fmt: skip
+    else:
+        if rows:
+            print_cells(console, rows)
+        for path in saved:
+            print(f"saved {path}")
+    raise typer.Exit(FAILED if failures else 0)
+
+
+def pair(text: str) -> tuple[str, Any]:
+    """Return name and value of ``NAME=VALUE``; a value that is no Python literal is text."""
+    name, equal, value = text.partition("=")
+    if not equal or not name.isidentifier():
+        raise SamplingError(f"--set: is no setting - got '{text}', expected NAME=VALUE; write --set terrain=stairs")
+    try:
+        return name, ast.literal_eval(value)
+    except (ValueError, SyntaxError):
+        return name, value
+
+
+@contextmanager
+def bars(columns: Sequence[Any] = ()) -> Iterator[Progress]:
+    """Show progress on standard error, if that is a terminal."""
+    console = Console(stderr=True)
+    shown = columns or (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*shown, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield progress

@@ -1,0 +1,178 @@
+"""``piaffe study``: what it reads, refuses, runs in processes, and writes."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from piaffe.cli import main
+from piaffe.cli.study_figures import curves
+from piaffe.cli.study_file import content_digest, read_study, source_digest
+from piaffe.cli.study_tables import cells, varied, write_table
+from piaffe.errors import PiaffeError
+
+pytest.importorskip("pyarrow")
+
+STUDY = """
+file = "sampled.py"
+seeds = 2
+steps = 2
+samples = 8
+series = {HAA = 0.2, height = 0.1}
+
+[[grid]]
+label = "annealed"
+controller = "dial"
+first_stages = 1
+horizon = [3, 4]
+
+[[grid]]
+controller = "mppi"
+horizon = [3, 4]
+"""
+
+
+@pytest.fixture
+def study_file(sampled_file: Path, tmp_path: Path) -> Path:
+    (tmp_path / "sampled.py").write_text(sampled_file.read_text())
+    path = tmp_path / "small.toml"
+    path.write_text(STUDY)
+    return path
+
+
+# ---- reading
+
+
+def test_blocks_become_cases_with_all_settings(study_file: Path) -> None:
+    study = read_study(study_file)
+    told = [(case.label, case.settings["horizon"], case.seed) for case in study.cases]
+    assert told == [(label, h, seed) for label in ("annealed", "MPPI") for h in (3, 4) for seed in (0, 1)]
+    assert {case.settings["samples"] for case in study.cases} == {8}
+    assert study.cases[0].settings["ground"] == "flat"
+    assert study.series == {"HAA": 0.2, "height": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("file = ", "is no TOML file - got"),
+        ("seeds = 3", "has no problem - got file = None, expected the path of a Python file"),
+        ('file = "nowhere.py"', "nowhere.py': not there - got no file"),
+        ('file = "sampled.py"\ncontroler = "dial"', "no setting 'controler'"),
+        ('file = "sampled.py"\ncontroller = ["dial", "dail"]', "no controller 'dail'"),
+        ('file = "sampled.py"\nseeds = 0', "seeds are unusable - got 0"),
+        ('file = "sampled.py"\nseeds = [1, -1]', "seeds are unusable - got [1, -1]"),
+        ('file = "sampled.py"\nvalue = "v.value"', "v.value' is not there - got no file"),
+        ('file = "sampled.py"\nground = ["flat", "icy"]', "got ValueError: no ground 'icy'"),
+        ('file = "sampled.py"\nplant_timestep = 0.003', "timestep does not divide the schedule's step - got 0.003 s"),
+        ('file = "sampled.py"\nknots = 1', "knots is out of range - got 1"),
+        ('file = "sampled.py"\nseries = 3', "series is unusable - got 3"),
+        ('file = "sampled.py"\ngrid = 3', "grid is unusable - got 3, expected tables"),
+    ],
+)
+def test_what_is_wrong_is_found_before_anything_runs(study_file: Path, text: str, message: str) -> None:
+    study_file.write_text(text)
+    with pytest.raises(PiaffeError) as error:
+        read_study(study_file)
+    assert message in str(error.value)
+
+
+def test_comments_and_layout_are_no_other_code(study_file: Path) -> None:
+    file = study_file.with_name("sampled.py")
+    before = source_digest(file)
+    file.write_text("# said before\n" + file.read_text().replace("trot(0.3)", "trot( 0.3 )"))
+    assert source_digest(file) == before
+    file.write_text(file.read_text().replace("trot( 0.3 )", "trot(0.31)"))
+    assert source_digest(file) != before
+
+
+def test_a_value_is_its_content(study_file: Path) -> None:
+    folder = study_file.with_name("v.value")
+    (folder / "deep").mkdir(parents=True)
+    (folder / "deep" / "weights").write_text("1")
+    first = content_digest(folder)
+    study_file.write_text('file = "sampled.py"\nvalue = "v.value"')
+    case = read_study(study_file).cases[0]
+    assert (case.settings["value"], case.made_from["value"]) == ("v.value", first)
+    (folder / "deep" / "weights").write_text("2")
+    assert content_digest(folder) != first
+    assert read_study(study_file).cases[0].cell == case.cell
+
+
+# ---- running
+
+
+@pytest.mark.slow
+def test_a_study_runs_in_processes_and_continues(
+    capsys: pytest.CaptureFixture[str], study_file: Path, tmp_path: Path
+) -> None:
+    assert main(["study", str(study_file), "--workers", "2", "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert (values["episodes"], values["done"], values["failed"]) == (8, 8, 0)
+    assert [(cell["label"], cell["horizon"], cell["seeds"]) for cell in values["cells"]] == [
+        ("annealed", 3, 2), ("annealed", 4, 2), ("MPPI", 3, 2), ("MPPI", 4, 2),
+    ]  # fmt: skip
+    folder = tmp_path / "small"
+    written = {path.name for path in folder.iterdir()}
+    assert written == {
+        "cells.csv", "cells.md", "episodes", "episodes.parquet", "series.png", "success.csv", "success.md", "sweep.png",
+        "violation.csv", "violation.md",
+    }  # fmt: skip
+    with (folder / "success.csv").open() as file:
+        assert next(csv.reader(file)) == ["method", "H = 3", "H = 4"]
+    gone = next((folder / "episodes").rglob("seed-1.npz"))
+    gone.unlink()
+    assert main(["study", str(study_file), "--dry-run"]) == 0
+    assert "8 episodes, 1 of them to run" in " ".join(capsys.readouterr().out.split())
+    assert not gone.exists()
+
+
+def test_an_unknown_executor_or_rule_is_refused(capsys: pytest.CaptureFixture[str], study_file: Path) -> None:
+    assert main(["study", str(study_file), "--executor", "threads"]) == 2
+    assert "executor is unknown - got 'threads', expected 'process' or" in " ".join(capsys.readouterr().err.split())
+    assert main(["study", str(study_file), "--stale", "drop"]) == 2
+    assert "--stale: is unknown - got 'drop'" in capsys.readouterr().err
+
+
+# ---- tables and curves
+
+
+def row(label: str, seed: int, **given: object) -> dict[str, object]:
+    return {
+        "label": label, "cell": f"{label}{given}", "seed": seed, "controller": label, "horizon": 8, "samples": 512,
+        "terrain": "flat", **given, "dt_s": 0.02, "threads": 1, "success": seed < 3, "fell": seed >= 3,
+        "mean_reward": 0.5 + 0.1 * seed, "speed_error_m_per_s": 0.1, "plan_ms_median": 9.0,
+        "effective_samples_median": 5.0, "missed_percent.hip": float(seed), "missed_percent.height": 0.5,
+    }  # fmt: skip
+
+
+def test_a_cell_is_the_mean_of_its_seeds() -> None:
+    found = cells([row("a", seed) for seed in range(4)])
+    assert len(found) == 1
+    assert found[0] | {"success_percent": 75.0, "falls": 1, "seeds": 4, "missed_percent.hip": 1.5} == found[0]
+    assert found[0]["mean_reward"] == pytest.approx(0.65)
+    assert found[0]["reward_error"] == pytest.approx(0.1290994 / 2, rel=1e-6)
+    assert found[0]["missed_percent_worst"] == 1.5
+
+
+def test_settings_that_the_label_tells_are_not_said_twice() -> None:
+    rows = [row("a", 0), row("b", 0), row("b", 0, samples=1024)]
+    assert varied(rows) == ["samples"]
+
+
+def test_curves_join_what_differs_in_one_setting() -> None:
+    rows = [row("a", 0, horizon=h) for h in (8, 4)] + [row("a", 0, samples=64), row("b", 0, horizon=16)]
+    found = cells(rows)
+    assert {name: [cell["horizon"] for cell in group] for name, group in curves(found, "horizon").items()} == {
+        "a, N = 512": [4, 8]
+    }
+    assert {name: [cell["samples"] for cell in group] for name, group in curves(found, "samples").items()} == {
+        "a, H = 8": [64, 512]
+    }
+
+
+def test_a_table_is_written_for_people_and_for_programs(tmp_path: Path) -> None:
+    paths = write_table(tmp_path / "t", [{"method": "a", "x": "1"}, {"method": "b", "y": "2, 3"}])
+    assert paths[0].read_text() == "| method | x | y |\n| --- | --- | --- |\n| a | 1 |  |\n| b |  | 2, 3 |\n"
+    assert paths[1].read_text() == 'method,x,y\na,1,\nb,,"2, 3"\n'

@@ -1,0 +1,212 @@
+"""Rollout engines: the same states as stepping by hand, and no surprise when a simulation diverges."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from piaffe.errors import ModelError, SamplingError, ShapeError
+from piaffe.sampling.engines import NativeEngine, engine_for
+from piaffe.sampling.engines.engine import MAX_SPEED
+
+from . import solo
+
+
+@pytest.fixture(params=[0, 2], ids=["on the calling thread", "two threads"])
+def engine(request):
+    with NativeEngine(solo.simulated(), threads=request.param) as engine:
+        yield engine
+
+
+def by_hand(model, x0, controls, substeps=1):
+    """Step one sample with ``mj_step``."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = x0[: model.nq], x0[model.nq :]
+    states = [x0]
+    for control in controls:
+        data.ctrl[:] = control
+        for _ in range(substeps):
+            mujoco.mj_step(model, data)
+        states.append(np.r_[data.qpos, data.qvel])
+    return np.array(states)
+
+
+def test_rollouts_are_mujoco_stepped_by_hand(engine):
+    simulated, controls = solo.simulated(), solo.controls(7, 5)
+    model = simulated.compiled()
+    rollouts = engine.rollout(solo.STANDING, controls)
+    assert rollouts.failures == 0
+    for states, control in zip(rollouts.states, controls, strict=True):
+        assert np.array_equal(states, by_hand(model, solo.STANDING, control))
+
+
+@pytest.mark.parametrize("threads", [0, 2])
+def test_a_control_is_held_over_substeps(threads):
+    simulated = solo.simulated(substeps=4, dt=0.005)
+    controls = solo.controls(3, 6)
+    with NativeEngine(simulated, threads=threads) as engine:
+        states = engine.rollout(solo.STANDING, controls).states
+    model = simulated.compiled()
+    for path, control in zip(states, controls, strict=True):
+        assert np.array_equal(path, by_hand(model, solo.STANDING, control, substeps=4))
+
+
+def test_each_sample_may_start_elsewhere(engine):
+    starts = np.tile(solo.STANDING, (3, 1))
+    starts[:, 2] += [0.0, 0.1, 0.2]
+    controls = np.repeat(solo.controls(1, 4), 3, axis=0)
+    together = engine.rollout(starts, controls).states.copy()
+    assert np.array_equal(together[:, 0], starts)
+    for start, states in zip(starts, together, strict=True):
+        assert np.array_equal(states, engine.rollout(start, controls).states[0])
+
+
+def test_states_do_not_depend_on_threads_chunks_or_what_ran_before():
+    simulated, controls = solo.simulated(), solo.controls(40, 6)
+    with NativeEngine(simulated, threads=0) as engine:
+        expected = engine.rollout(solo.STANDING, controls).states.copy()
+    for options in ({"threads": 1}, {"threads": 2}, {"threads": 2, "chunk": 7}, {"threads": 3, "chunk": 100}):
+        with NativeEngine(simulated, **options) as engine:
+            engine.rollout(solo.STANDING, solo.controls(40, 6, seed=1))
+            assert np.array_equal(engine.rollout(solo.STANDING, controls).states, expected)
+
+
+def test_a_second_rollout_of_the_same_size_allocates_nothing(engine):
+    first = engine.rollout(solo.STANDING, solo.controls(5, 4)).states
+    assert engine.rollout(solo.STANDING, solo.controls(5, 4, seed=1)).states is first
+    assert engine.rollout(solo.STANDING, solo.controls(5, 3)).states is not first
+
+
+def test_warm_start_changes_nothing_where_the_solver_converges():
+    states = []
+    for warm_start in (False, True):
+        with NativeEngine(solo.simulated(iterations=100), warm_start=warm_start) as engine:
+            states.append(engine.rollout(solo.STANDING, solo.controls(20, 8)).states)
+    assert np.abs(states[0] - states[1]).max() < 1e-10
+    assert not np.array_equal(*states)
+
+
+# ---- failures
+
+
+@pytest.mark.parametrize("step", [0, 2, 5])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_control_that_is_not_finite_fails_its_sample_alone(engine, step, value, capfd):
+    controls = solo.controls(5, 6)
+    expected = engine.rollout(solo.STANDING, controls).states.copy()
+    controls[3, step, 7] = value
+    rollouts = engine.rollout(solo.STANDING, controls)
+    assert rollouts.failed.tolist() == [False, False, False, True, False]
+    assert rollouts.failures == 1
+    assert np.isfinite(rollouts.states).all()
+    assert np.array_equal(rollouts.states[3, : step + 1], expected[3, : step + 1])
+    assert (rollouts.states[3, step + 1 :] == expected[3, step]).all()
+    assert np.array_equal(rollouts.states[~rollouts.failed], expected[~rollouts.failed])
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_diverging_sample_stands_still_at_its_last_good_state(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    simulated = solo.simulated()
+    model = simulated.compiled()
+    model.dof_armature[6:] = 0.0  # explicit damping of a light joint: unstable at this step
+    model.actuator_biasprm[:, 2] = -20.0
+    model.actuator_forcelimited[:] = 0
+    with NativeEngine(simulated) as engine:
+        rollouts = engine.rollout(solo.STANDING, solo.controls(4, 40))
+        assert rollouts.failed.all()
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    for states, control in zip(rollouts.states, solo.controls(4, 40), strict=True):
+        raw = by_hand(model, solo.STANDING, control)
+        with np.errstate(invalid="ignore"):
+            bad = ~(np.abs(raw[:, 19:]).max(axis=1) <= MAX_SPEED)
+        first = int(np.argmax(bad))
+        assert 0 < first < 40
+        assert np.array_equal(states[:first], raw[:first])
+        assert (states[first:] == raw[first - 1]).all()
+
+
+def test_divergence_leaves_no_log_file_and_no_message(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    start = solo.STANDING.copy()
+    start[20] = np.nan
+    with NativeEngine(solo.simulated()) as engine:
+        rollouts = engine.rollout(start, solo.controls(3, 4))
+    assert rollouts.failed.all()
+    assert np.isfinite(rollouts.states).all()
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_another_users_warnings_come_back_after_a_rollout():
+    heard = []
+    mujoco.set_mju_user_warning(heard.append)
+    try:
+        with NativeEngine(solo.simulated()) as engine:
+            assert engine.rollout(np.full(37, np.nan), solo.controls(3, 4)).failures == 3
+        assert heard == []
+        data = mujoco.MjData(solo.simulated().compiled())
+        data.qpos[0] = np.nan
+        mujoco.mj_step(solo.simulated().compiled(), data)
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(heard) == 1
+
+
+def test_a_failure_does_not_reach_the_next_rollout(engine):
+    controls = solo.controls(4, 5)
+    expected = engine.rollout(solo.STANDING, controls).states.copy()
+    assert engine.rollout(np.full(37, np.nan), controls).failures == 4
+    rollouts = engine.rollout(solo.STANDING, controls)
+    assert rollouts.failures == 0
+    assert np.array_equal(rollouts.states, expected)
+
+
+def test_the_limit_of_speed_is_that_of_one_joint_in_one_step():
+    start = solo.STANDING.copy()
+    start[2] = 1.0
+    start[19] = 0.6 * MAX_SPEED
+    with NativeEngine(solo.simulated()) as engine:
+        rollouts = engine.rollout(start, solo.controls(3, 6))
+    assert np.sum(rollouts.states[:, :, 19:] ** 2, axis=(1, 2)).min() > MAX_SPEED**2
+    assert rollouts.failures == 0
+
+
+# ---- messages
+
+
+def test_unknown_engines_are_refused_by_name():
+    with pytest.raises(SamplingError, match="engine is unknown - got 'gpu', expected 'native' or 'mjx'"):
+        engine_for(solo.simulated(), "gpu")
+    with engine_for(solo.simulated(), "native", threads=1) as engine:
+        assert engine.threads == 1
+
+
+def test_shapes_are_checked(engine):
+    with pytest.raises(ShapeError, match=r"controls - got shape \(5, 12\), expected \(samples, steps, 12\)"):
+        engine.rollout(solo.STANDING, solo.controls(1, 5)[0])
+    with pytest.raises(ShapeError, match=r"initial state - got shape \(36,\), expected \(37,\), or \(2, 37\)"):
+        engine.rollout(solo.STANDING[1:], solo.controls(2, 5))
+
+
+def test_a_closed_engine_says_so():
+    engine = NativeEngine(solo.simulated())
+    engine.close()
+    with pytest.raises(SamplingError, match=r"rollout after close\(\)"):
+        engine.rollout(solo.STANDING, solo.controls(1, 1))
+
+
+def test_actuators_with_a_state_of_their_own_are_refused():
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><worldbody><body><joint name='j'/><geom size='.1'/></body></worldbody>"
+        "<actuator><general joint='j' dyntype='integrator'/></actuator></mujoco>"
+    )
+    model = spec.compile()
+    with pytest.raises(ModelError, match="got 3 numbers, expected 2, positions and speeds alone"):
+        NativeEngine(type("Simulated", (), {"substeps": 1, "compiled": lambda self: model})())
+
+
+def test_the_models_own_options_are_left_alone():
+    simulated = solo.simulated()
+    before = simulated.compiled().opt.disableflags
+    NativeEngine(simulated).close()
+    assert simulated.compiled().opt.disableflags == before

@@ -1,0 +1,230 @@
+import numpy as np
+import pytest
+
+from piaffe import models, ocp, sampling
+from piaffe.errors import ProblemError, SamplingError, ShapeError
+from piaffe.models import base, feet
+from piaffe.sampling.td_cd import TDCDMPPI
+
+DT = 0.02
+
+
+@pytest.fixture(scope="module")
+def trot():
+    robot = models.load("solo12")
+    simulated = models.Mujoco(robot)
+    objective = ocp.Objective(
+        ocp.track(base.linear_velocity, weight=(2, 2, 0)),
+        ocp.track(base.orientation, weight=1.0),
+        ocp.track(feet.height, weight=80.0),
+    )
+    limits = ocp.Constraints(models.joint_range("HAA", 0.05, scale=0.05), models.base_height(maximum=0.23, scale=0.23))
+    motion = models.gaits.trot(speed=0.3)
+    return ocp.Problem(
+        motion, simulated.over(4 * DT, dt=DT), objective, limits, initial=simulated.state(joints="stand")
+    )
+
+
+def controller_of(problem, kind=sampling.DIAL, **options):
+    return kind(problem, **{"samples": 24, "first_stages": 2, **options})
+
+
+@pytest.mark.parametrize("kind", [sampling.MPPI, sampling.DIAL, sampling.TDCDMPPI])
+def test_a_plan_is_one_of_its_kind(trot, kind):
+    controller = controller_of(trot, kind)
+    plan = controller.plan(trot.initial, 0.0)
+    action = controller.model.action
+    assert plan.controls.shape == (5, 12)
+    assert plan.states.shape == (25, 6, 37)
+    assert np.all((plan.controls >= action.lower - 1e-12) & (plan.controls <= action.upper + 1e-12))
+    assert plan.action == pytest.approx(plan.controls[0])
+    assert plan.weights.sum() == pytest.approx(1.0)
+    assert 1.0 <= plan.effective_samples <= 25.0
+    assert set(plan.missed) == {"HAA range", "base height"}
+    assert set(plan.seconds) == {"sample", "roll_out", "evaluate", "value", "weigh"}
+
+
+def test_the_plan_is_the_mean_of_the_samples_by_weight(trot):
+    controller = controller_of(trot, first_stages=1)
+    seen = []
+    perturbed = controller._perturbed
+    controller._perturbed = lambda *arguments: seen.append(perturbed(*arguments).copy()) or seen[-1]
+    plan = controller.plan(trot.initial, 0.0)
+    mean = np.einsum("n,njc->jc", plan.weights, seen[-1])
+    assert plan.controls == pytest.approx(controller._controls(mean[None])[0], abs=1e-12)
+    assert plan.returns == pytest.approx(np.exp(-plan.cost).mean(axis=1), rel=1e-12)
+
+
+def test_rollouts_are_what_the_simulator_does(trot):
+    controller = controller_of(trot)
+    plan = controller.plan(trot.initial, 0.0)
+    alone = controller.engine.rollout(trot.initial, controller._controls(controller._plan[None])).states[0]
+    assert np.all(np.isfinite(plan.states))
+    assert alone[0] == pytest.approx(trot.initial)
+
+
+def test_equal_seeds_give_equal_plans(trot):
+    controller = controller_of(trot)
+    first = [controller.plan(trot.initial, k * DT).controls for k in range(3)]
+    controller.reset()
+    again = [controller.plan(trot.initial, k * DT).controls for k in range(3)]
+    controller.reset(seed=1)
+    other = controller.plan(trot.initial, 0.0).controls
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first[0], other)
+
+
+def test_the_control_that_is_being_applied_is_not_perturbed(trot):
+    controller = controller_of(trot)
+    before = controller.plan(trot.initial, 0.0)
+    after = controller.plan(trot.initial, DT)
+    shifted = controller._controls((controller.spline.to_nodes @ _normal(controller, before.controls, 1))[None])
+    assert after.action == pytest.approx(shifted[0, 0], abs=1e-9)
+
+
+def _normal(controller, controls, count):
+    normal = (controls - controller._centre) / controller._half
+    return np.vstack([normal[count:], np.zeros((count, controls.shape[1]))])
+
+
+def test_a_shift_of_no_whole_step_is_refused_or_made_by_the_spline(trot):
+    controller = controller_of(trot)
+    controller.plan(trot.initial, 0.0)
+    with pytest.raises(SamplingError, match="not a whole number of steps after the last one"):
+        controller.plan(trot.initial, 0.013)
+    deployed = controller_of(trot, shift="elapsed", sigma=1e-9, first_stages=1)
+    first = deployed.plan(trot.initial, 0.0)
+    second = deployed.plan(trot.initial, 0.5 * DT)
+    assert second.action == pytest.approx(0.5 * (first.controls[0] + first.controls[1]), abs=0.02)
+    late = deployed.plan(trot.initial, 1.0)
+    assert late.action == pytest.approx(deployed._centre)
+
+
+def test_failed_rollouts_get_the_worst_return_and_are_counted(trot):
+    controller = controller_of(trot)
+    rollout = controller.engine.rollout
+
+    def broken(*arguments):
+        rolled = rollout(*arguments)
+        rolled.failed[[3, 5]] = True
+        return rolled
+
+    controller.engine.rollout = broken
+    plan = controller.plan(trot.initial, 0.0)
+    assert plan.failed == 2
+    assert plan.returns[[3, 5]] == pytest.approx(plan.returns.min())
+    assert np.all(np.isfinite(plan.controls))
+
+
+def test_when_every_rollout_fails_the_plan_stays(trot):
+    controller = controller_of(trot)
+    first = controller.plan(trot.initial, 0.0)
+    rollout = controller.engine.rollout
+
+    def broken(*arguments):
+        rolled = rollout(*arguments)
+        rolled.failed[:] = True
+        return rolled
+
+    controller.engine.rollout = broken
+    plan = controller.plan(trot.initial, DT)
+    assert plan.failed == 25
+    assert plan.action == pytest.approx(first.controls[1], abs=1e-6)
+    assert np.all(np.isfinite(plan.controls))
+
+
+def test_terms_at_the_end_count_once_more(trot):
+    end = ocp.track(base.linear_velocity, weight=1e3, at="end")
+    with_end = ocp.Problem(trot.motion, trot.schedule, trot.objective + end, trot.constraints, initial=trot.initial)
+    controller = controller_of(with_end)
+    plan = controller.plan(with_end.initial, 0.0)
+    running = np.exp(-plan.cost)
+    last = np.exp(-controller._last(plan.states[:, -1], 5))
+    assert plan.returns == pytest.approx((running.sum(axis=1) + last) / 6, rel=1e-9)
+    assert last.max() < 1.0
+
+
+def test_terms_at_the_ends_of_phases_are_refused(trot):
+    end = ocp.track(base.position, at="phase_end")
+    other = ocp.Problem(trot.motion, trot.schedule, trot.objective + end, trot.constraints, initial=trot.initial)
+    with pytest.raises(ProblemError, match="applies nowhere along a sampled motion"):
+        sampling.DIAL(other)
+
+
+def test_a_model_with_derivatives_is_not_sampled(trot):
+    body = models.WholeBody(models.load("solo12"))
+    other = ocp.Problem(trot.motion, body.over(0.08, dt=DT), trot.objective, initial=trot.initial)
+    with pytest.raises(ProblemError, match="cannot be walked along"):
+        sampling.MPPI(other)
+
+
+def test_a_model_that_is_no_simulator_is_not_sampled(trot):
+    small = models.SingleRigidBody(models.load("solo12"))
+    objective = ocp.Objective(ocp.track(base.linear_velocity), ocp.regularize(feet.force, weight=1e-3))
+    other = ocp.Problem(trot.motion, small.over(0.08, dt=DT), objective, initial=small.state())
+    with pytest.raises(SamplingError, match="its model cannot be rolled out - got SingleRigidBody"):
+        sampling.MPPI(other)
+
+
+@pytest.mark.parametrize(
+    ("state", "error", "says"),
+    [
+        (np.zeros(5), ShapeError, "got shape (5,), expected (37,)"),
+        (np.full(37, np.nan), SamplingError, "state is not finite"),
+    ],
+)
+def test_states_that_are_none_are_refused(trot, state, error, says):
+    with pytest.raises(error) as raised:
+        controller_of(trot).plan(state, 0.0)
+    assert says in str(raised.value)
+
+
+def test_constraint_discounting_avoids_what_it_discounts(trot):
+    free = controller_of(trot, sampling.DIAL, samples=200)
+    bound = controller_of(trot, sampling.TDCDMPPI, samples=200, p_max=0.9)
+    missed = [
+        sum(c.plan(trot.initial, k * DT).missed["HAA range"] for k in range(4)) for c in (free, bound)
+    ]  # fmt: skip
+    assert missed[1] < 0.7 * missed[0]
+
+
+def test_the_value_of_the_last_state_counts(trot):
+    def forward(states, k, nodes):
+        assert k == 5
+        return 50.0 * np.maximum(states[:, 0], 0.0)
+
+    controller = controller_of(trot, TDCDMPPI, value=forward, p_max=0.0, first_stages=1)
+    plan = controller.plan(trot.initial, 0.0)
+    weights = 0.9 ** np.arange(1, 6)
+    expected = np.exp(-plan.cost) @ weights + weights[-1] * forward(plan.states[:, -1], 5, None)
+    assert plan.returns == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_episode_reports_what_happened(trot):
+    controller = controller_of(trot, samples=64)
+    episode = sampling.run_episode(controller, steps=12, seed=3)
+    assert episode.states.shape == (13, 37)
+    assert not episode.fell
+    assert episode.summary()["steps"] == 12
+    assert set(episode.missed) == {"HAA range", "base height"}
+    heights = controller.model.height_above_terrain(episode.states[:-1])
+    assert episode.missed["base height"] == pytest.approx(np.maximum(heights - 0.23, 0).mean() / 0.23, rel=1e-9)
+    again = sampling.run_episode(controller, steps=12, seed=3)
+    assert np.array_equal(episode.states, again.states)
+
+
+def test_a_robot_on_its_side_has_fallen(trot):
+    controller = controller_of(trot)
+    lying = controller.model.state(rpy=(1.2, 0, 0), position=(0, 0, 0.2))
+    episode = sampling.run_episode(controller, steps=5, initial=lying)
+    assert episode.fell
+    assert not episode.success
+
+
+def test_latency_holds_the_control_before(trot):
+    controller = controller_of(trot)
+    prompt = sampling.run_episode(controller, steps=3)
+    late = sampling.run_episode(controller, steps=3, latency=0.01)
+    assert not np.array_equal(prompt.states, late.states)
+    with pytest.raises(SamplingError, match="latency is out of range"):
+        sampling.run_episode(controller, steps=3, latency=0.03)

@@ -1,0 +1,225 @@
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from piaffe import models
+from piaffe.errors import FileFormatError, SamplingError
+from piaffe.sampling import MPPI, TDCDMPPI, Options, Reward
+from piaffe.sampling.value import CollectOptions, Dataset, LearnOptions, Records, collect, load_value, train_value
+from piaffe.sampling.value.collect import Actors, make_shard
+
+from .value_problem import trot_problem
+
+DT = 0.1
+TOY = CollectOptions(shards=2, explore_steps=6, episodes=5, episode_steps=4, horizon=3, nearest=2)
+
+
+class Toy:
+    """A controller of a point on a line that pushes it to the right; its roll-outs spread with the seed."""
+
+    def __init__(self, samples: int = 6, steps: int = 3) -> None:
+        self.shape = (samples, steps + 2, 1)
+        self.reset(0)
+
+    def reset(self, seed: int | None = None) -> None:
+        self._random = np.random.default_rng(seed)
+
+    def plan(self, x: np.ndarray, t: float) -> Any:
+        states = x + np.cumsum(self._random.uniform(-0.1, 0.3, self.shape), axis=1)
+        violation = np.maximum(states[None, :, :-1, 0] - np.array([1.0, 1.5])[:, None, None], 0.0)
+        return SimpleNamespace(states=states, action=np.array([0.1 + t]), violation=violation)
+
+
+def score(states: np.ndarray, controls: np.ndarray, first: int) -> tuple[np.ndarray, np.ndarray]:
+    violation = np.maximum(states[None, :, 0] - np.array([1.0, 1.5])[:, None], 0.0)
+    return 0.5 * controls[:, 0] ** 2 + first, violation
+
+
+def toy(end: float = 2.0) -> Actors:
+    return Actors(
+        Toy(), Toy(), np.zeros(1), DT, step=lambda x, u: x + u, fallen=lambda states: states[:, 0] > end, score=score
+    )
+
+
+def same(a: Records, b: Records) -> bool:
+    return all(np.array_equal(vars(a)[name], vars(b)[name]) for name in vars(a))
+
+
+def test_shard_holds_episodes_of_the_followed_controller() -> None:
+    records = make_shard(toy(end=1e9), TOY, 0)
+    assert len(records) == 5 * 4
+    np.testing.assert_array_equal(records.episode, np.repeat(np.arange(5), 4))
+    np.testing.assert_allclose(records.next_states, records.states + records.actions)
+    np.testing.assert_allclose(records.actions[:, 0], 0.1 + records.node * DT)
+    for episode in range(5):
+        rows = records.episode == episode
+        np.testing.assert_array_equal(np.diff(records.node[rows]), 1)
+        np.testing.assert_array_equal(records.states[rows][1:], records.next_states[rows][:-1])
+        first = records.node[rows][0]
+        np.testing.assert_allclose(records.cost[rows], 0.5 * records.actions[rows, 0] ** 2 + first)
+    np.testing.assert_allclose(records.violation, np.maximum(records.states - [1.0, 1.5], 0.0))
+    assert not records.done.any()
+
+
+def test_episodes_begin_where_roll_outs_came_to() -> None:
+    records = make_shard(toy(end=1e9), TOY, 0)
+    starts = records.node[::4]
+    assert starts.min() >= TOY.nearest
+    assert starts.max() <= TOY.explore_steps - 1 + TOY.horizon + 1
+    travelled = np.array([sum(0.1 + k * DT for k in range(max(0, first - 4))) for first in starts])
+    assert np.all(records.states[::4, 0] > travelled - 0.5)
+    assert len(np.unique(records.states[::4])) == 5
+
+
+def test_episode_ends_with_a_fall() -> None:
+    records = make_shard(toy(end=1.2), TOY, 0)
+    assert records.done.any()
+    np.testing.assert_array_equal(records.done, records.next_states[:, 0] > 1.2)
+    last = np.append(np.diff(records.episode) != 0, True)
+    assert not np.any(records.done & ~last)
+    assert np.all(records.states[:, 0] <= 1.2)
+
+
+def test_shard_follows_from_seed_and_number_alone() -> None:
+    actors = toy()
+    first = make_shard(actors, TOY, 1)
+    make_shard(actors, TOY, 0)
+    assert same(make_shard(actors, TOY, 1), first)
+    assert not same(make_shard(actors, TOY, 0), first)
+    assert not same(make_shard(actors, replace(TOY, seed=1), 1), first)
+
+
+def test_a_world_of_falls_is_an_error() -> None:
+    with pytest.raises(SamplingError, match="every sampled roll-out ended in a fall - got 0 starts after 6 steps"):
+        make_shard(toy(end=-10.0), TOY, 0)
+
+
+def test_dataset_remembers_shards_and_numbers_episodes_anew(tmp_path: Path) -> None:
+    dataset = Dataset(tmp_path, {"of": "toy"}, 2)
+    assert dataset.missing == (0, 1)
+    dataset.write(1, make_shard(toy(), TOY, 1))
+    (tmp_path / ".shard-00000.npz.deadbeef.tmp").write_bytes(b"cut off")
+    again = Dataset(tmp_path, {"of": "toy"}, 2)
+    assert again.missing == (0,)
+    with pytest.raises(SamplingError, match="not complete - got 1 shards, expected 2"):
+        again.load()
+    again.write(0, make_shard(toy(), TOY, 0))
+    records = again.load()
+    np.testing.assert_array_equal(np.unique(records.episode), np.arange(10))
+    first = make_shard(toy(), TOY, 0)
+    np.testing.assert_array_equal(records.states[: len(first)], first.states)
+
+
+def test_data_of_something_else_are_refused(tmp_path: Path) -> None:
+    Dataset(tmp_path, {"of": {"reward": 1.0}}, 2)
+    with pytest.raises(SamplingError, match=r"got 'of.reward' 2.0, expected 1.0"):
+        Dataset(tmp_path, {"of": {"reward": 2.0}}, 2)
+
+
+def test_damaged_shard_is_named(tmp_path: Path) -> None:
+    dataset = Dataset(tmp_path, {}, 1)
+    dataset.file(0).write_bytes(b"nothing")
+    with pytest.raises(FileFormatError, match=r"shard-00000\.npz': cannot be read"):
+        dataset.load()
+
+
+def test_transitions_are_derived_from_what_happened() -> None:
+    records = make_shard(toy(end=1.6), TOY, 0)
+    calls = []
+
+    def inputs(states: np.ndarray, k: int) -> np.ndarray:
+        calls.append(k)
+        return np.column_stack([states[:, 0], np.full(len(states), k)])
+
+    options = Options(p_max={"low": 0.5, "high": 0.1}, violation_floor=0.3)
+    transitions = records.transitions(inputs, ("low", "high"), Reward(2.0), options)
+    np.testing.assert_array_equal(transitions.inputs, np.column_stack([records.states, records.node]))
+    np.testing.assert_array_equal(transitions.next_inputs, np.column_stack([records.next_states, records.node + 1]))
+    np.testing.assert_allclose(transitions.rewards, np.exp(-records.cost / 2.0))
+    np.testing.assert_array_equal(transitions.done, records.done)
+    c_max = records.c_max(0.3)
+    np.testing.assert_allclose(c_max, np.maximum(records.peaks.mean(axis=0), 0.3))
+    expected = np.max(np.minimum(records.violation / c_max, 1.0) * [0.5, 0.1], axis=1)
+    np.testing.assert_allclose(transitions.delta, expected)
+    assert transitions.delta.max() > 0
+    assert len(calls) == len(set(records.node)) + len(set(records.node + 1))
+
+
+@pytest.mark.parametrize(("name", "value"), [("episodes", 0), ("horizon", 1), ("seed", -1), ("nearest", 18)])
+def test_collecting_options_out_of_range_are_refused(name: str, value: int) -> None:
+    with pytest.raises(SamplingError, match=f"{name} is"):
+        CollectOptions(**{name: value})
+
+
+# ---- with a robot
+
+
+SMALL = CollectOptions(
+    shards=2, explore_steps=2, episodes=2, episode_steps=3, horizon=4, nearest=2,
+    explore=replace(MPPI.defaults, samples=8, threads=1), follow=replace(TDCDMPPI.defaults, samples=8, threads=1),
+)  # fmt: skip
+LEARN = LearnOptions(updates=10, record_every=5, batch=8, hidden=(8,))
+
+
+@pytest.fixture(scope="module")
+def plant() -> models.Mujoco:
+    return models.Mujoco(models.load("solo12"), armature=0.01)
+
+
+def test_collecting_goes_on_where_it_was_cut_off(plant: models.Mujoco, tmp_path: Path) -> None:
+    problem = trot_problem(plant=plant)
+
+    def cut(done: int, _total: int) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        collect(problem, tmp_path / "cut", SMALL, listener=cut)
+    seen = []
+    resumed = collect(problem, tmp_path / "cut", SMALL, listener=lambda *done: seen.append(done))
+    assert seen == [(1, 2), (2, 2)]
+    assert same(resumed.load(), collect(problem, tmp_path / "whole", SMALL).load())
+    with pytest.raises(SamplingError, match=r"'of.reward.scale' 2.0, expected 1.0"):
+        collect(problem, tmp_path / "cut", SMALL, reward=Reward(2.0))
+    with pytest.raises(SamplingError, match=r"'options.episode_steps' 4, expected 3"):
+        collect(problem, tmp_path / "cut", replace(SMALL, episode_steps=4))
+    harder = models.Mujoco(models.load("solo12"), armature=0.01, contact=models.SoftContact(solref=(0.05, 1.0)))
+    with pytest.raises(SamplingError, match=r"'simulator.contact.solref'"):
+        collect(trot_problem(plant=harder), tmp_path / "cut", SMALL)
+
+
+def test_executor_makes_the_same_shards(plant: models.Mujoco, tmp_path: Path) -> None:
+    problem = trot_problem(plant=plant)
+    with ThreadPoolExecutor(1) as executor:
+        side = collect(lambda: problem, tmp_path / "side", SMALL, executor=executor)
+        with pytest.raises(SamplingError, match="cannot be sent to other processes"):
+            collect(problem, tmp_path / "other", SMALL, executor=executor)
+    assert same(side.load(), collect(problem, tmp_path / "here", SMALL).load())
+
+
+def test_trained_value_serves_its_controller_and_no_other(plant: models.Mujoco, tmp_path: Path) -> None:
+    pytest.importorskip("flax")
+    problem = trot_problem(plant=plant)
+    file = tmp_path / "trot.value"
+    value = train_value(problem, file, collecting=SMALL, learning=LEARN, progress=False)
+    assert value.record["transitions"] == 12
+    assert value.record["episodes"] == 4
+    np.testing.assert_array_equal(value.record["curves"]["update"], [5, 10])
+    controller = TDCDMPPI(problem, replace(SMALL.follow, samples=16), value=file)
+    plan = controller.plan(problem.initial, 0.0)
+    assert np.all(np.isfinite(plan.returns))
+    with pytest.raises(SamplingError, match=r"'discount' 0.8, expected 0.9"):
+        TDCDMPPI(problem, discount=0.8, value=file)
+    again = train_value(problem, tmp_path / "again", work=file.with_suffix(".work"), collecting=SMALL, learning=LEARN,
+                        progress=False)  # fmt: skip
+    np.testing.assert_array_equal(again.network.head, load_value(file).network.head)
+
+
+def test_learning_with_another_discount_is_refused(plant: models.Mujoco, tmp_path: Path) -> None:
+    with pytest.raises(SamplingError, match=r"got discount 0.95 in learning, expected 0.9"):
+        train_value(trot_problem(plant=plant), tmp_path / "v", learning=LearnOptions(discount=0.95), progress=False)

@@ -1,0 +1,161 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from piaffe.errors import SamplingError, ShapeError
+from piaffe.sampling.discount import discounted_return
+from piaffe.sampling.value import LearnOptions, Network, Transitions
+
+pytest.importorskip("flax")
+
+from piaffe.sampling.value.learn import explained_variance, learn
+
+SMALL = LearnOptions(
+    hidden=(16, 16), batch=32, updates=12_000, record_every=500, learning_rate=1e-3, target_rate=0.05, held_out=0.0
+)
+
+
+def chain(rewards: float | np.ndarray = 0.8, delta: float = 0.0, *, fall: bool = False, steps: int = 20) -> Transitions:
+    """Walk along a line in episodes of ``steps``; with ``fall`` each of them ends in one."""
+    rng = np.random.default_rng(0)
+    states = rng.standard_normal((30, steps + 1, 3))
+    total = 30 * steps
+    done = np.zeros((30, steps), dtype=bool)
+    done[:, -1] = fall
+    return Transitions(
+        states[:, :-1].reshape(total, 3),
+        states[:, 1:].reshape(total, 3),
+        np.broadcast_to(rewards, (30, steps)).reshape(total).astype(float),
+        np.full(total, delta),
+        done.ravel(),
+        np.repeat(np.arange(30), steps),
+    )
+
+
+@pytest.fixture(scope="module")
+def constant() -> Network:
+    return learn(chain(0.8), SMALL).network
+
+
+def assert_worth(values: np.ndarray, expected: float) -> None:
+    """A small network wobbles by a percent between the points it saw; their mean is the fixed point of TD(0)."""
+    np.testing.assert_allclose(values, expected, rtol=2e-2)
+    assert np.mean(values) == pytest.approx(expected, rel=3e-3)
+
+
+def test_constant_reward_is_worth_nine_times_itself(constant: Network) -> None:
+    assert_worth(constant(chain().inputs), 9 * 0.8)
+
+
+@pytest.mark.parametrize("steps", [0, 3, 8, 16])
+def test_return_of_every_horizon_is_nine_times_a_constant_reward(steps: int, constant: Network) -> None:
+    value = np.asarray(constant(chain().inputs[:4]), dtype=float)
+    total = discounted_return(np.full((4, steps + 1), 0.8), np.zeros((4, steps + 1)), 0.9, value)
+    assert_worth(total, 9 * 0.8)
+
+
+def test_constant_violation_shortens_the_horizon() -> None:
+    learned = learn(chain(0.8, delta=0.25), SMALL)
+    gamma = 0.9 * 0.75
+    assert_worth(learned.network(chain().inputs), 0.8 * gamma / (1 - gamma))
+
+
+def test_a_fall_is_worth_nothing_afterwards() -> None:
+    falls = Transitions(**{**vars(chain(0.8)), "done": np.ones(600, dtype=bool)})
+    assert_worth(learn(falls, SMALL).network(falls.inputs), 0.9 * 0.8)
+
+
+def test_returns_are_those_of_the_planner() -> None:
+    rng = np.random.default_rng(1)
+    rewards = rng.uniform(size=(30, 20))
+    transitions = chain(rewards, delta=0.1)
+    returns, weight = transitions.returns(0.9)
+    expected = discounted_return(rewards[:1], np.full((1, 20), 0.1), 0.9)
+    np.testing.assert_allclose(returns[0], expected[0])
+    np.testing.assert_allclose(weight[0], (0.9 * 0.9) ** 20)
+    fallen, nothing = chain(rewards, delta=0.1, fall=True).returns(0.9)
+    np.testing.assert_allclose(fallen, returns)
+    np.testing.assert_array_equal(nothing, 0.0)
+
+
+def test_explained_variance_of_true_values_is_one_and_of_none_is_zero() -> None:
+    rng = np.random.default_rng(2)
+    transitions = chain(rng.uniform(size=(30, 20)), fall=True)
+    returns, _ = transitions.returns(0.9)
+    assert explained_variance(transitions, returns, returns, 0.9) == pytest.approx(1.0)
+    assert explained_variance(transitions, np.zeros(600), np.zeros(600), 0.9) == pytest.approx(0.0)
+
+
+def test_held_out_episodes_are_whole_and_not_learnt_from() -> None:
+    train, test = chain().split(0.2, seed=0)
+    assert test is not None
+    assert len(np.unique(test.episode)) == 6
+    assert len(test) == 6 * 20
+    assert not set(test.episode) & set(train.episode)
+
+
+def test_curves_have_a_point_per_interval_and_end_well_on_held_out_episodes() -> None:
+    rewards = np.random.default_rng(3).uniform(size=(30, 1))
+    fields = vars(chain(rewards, fall=True))
+    known = np.column_stack([fields["rewards"], np.tile(np.arange(20) / 20, 30), np.zeros(600)])
+    transitions = Transitions(**{**fields, "inputs": known, "next_inputs": known + np.array([0, 1 / 20, 0])})
+    options = LearnOptions(**{**vars(SMALL), "held_out": 0.2, "updates": 4200})
+    points = []
+    learned = learn(transitions, options, listener=lambda done, total, _: points.append((done, total)))
+    assert points[0] == (500, 4200)
+    assert points[-2:] == [(4000, 4200), (4200, 4200)]
+    np.testing.assert_array_equal(learned.curves["update"], [done for done, _ in points])
+    assert learned.curves["explained_variance"][-1] > 0.9
+    assert learned.curves["held_out_error"][-1] < 0.1 * learned.curves["held_out_error"][0]
+
+
+def test_resumed_learning_ends_where_learning_in_one_go_does(tmp_path: Path) -> None:
+    transitions = chain(np.random.default_rng(4).uniform(size=(30, 20)))
+    options = LearnOptions(**{**vars(SMALL), "updates": 1500})
+
+    def stop(done: int, _total: int, _point: dict[str, float]) -> None:
+        if done == 1000:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        learn(transitions, options, checkpoints=tmp_path, listener=stop)
+    points = []
+    resumed = learn(transitions, options, checkpoints=tmp_path, listener=lambda done, *_: points.append(done))
+    whole = learn(transitions, options)
+    assert points == [1500]
+    np.testing.assert_array_equal(resumed.network(transitions.inputs), whole.network(transitions.inputs))
+    np.testing.assert_array_equal(resumed.curves["loss"], whole.curves["loss"])
+
+
+def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
+    options = LearnOptions(**{**vars(SMALL), "updates": 500})
+    learn(chain(), options, checkpoints=tmp_path)
+    with pytest.raises(SamplingError, match=r"'discount' 0.95, expected 0.9"):
+        learn(chain(), LearnOptions(**{**vars(options), "discount": 0.95}), checkpoints=tmp_path)
+    with pytest.raises(SamplingError, match="'data'"):
+        learn(chain(0.5), options, checkpoints=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ({"rewards": np.full(600, -0.1)}, "rewards from -0.1"),
+        ({"rewards": np.full(600, np.nan)}, "'rewards': not finite"),
+        ({"delta": np.full(600, 1.5)}, "to 1.5"),
+    ],
+)
+def test_unusable_transitions_are_refused(changed: dict[str, np.ndarray], expected: str) -> None:
+    with pytest.raises(SamplingError, match=expected):
+        Transitions(**{**vars(chain()), **changed})
+
+
+def test_rows_that_do_not_match_are_refused() -> None:
+    with pytest.raises(ShapeError, match="'done': wrong number of rows - got 3, expected 600"):
+        Transitions(**{**vars(chain()), "done": np.zeros(3, dtype=bool)})
+
+
+@pytest.mark.parametrize(("name", "value"), [("discount", 1.2), ("updates", 0), ("hidden", ()), ("held_out", 1.0)])
+def test_options_out_of_range_are_refused(name: str, value: object) -> None:
+    with pytest.raises(SamplingError, match=f"{name} is out of range"):
+        LearnOptions(**{name: value})
