@@ -9,15 +9,14 @@ import trot_mppi
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
 
 collecting = CollectOptions(
-    shards=20,
-    rounds=2,
+    shards=12,
     episodes=60,  # many and short: what counts is how perturbed states go on
     episode_steps=16,
     horizon=8,
     explore=replace(trot_mppi.options, samples=256),
     follow=replace(trot_mppi.options, samples=256, first_stages=3),
 )
-learning = LearnOptions(updates=15_000)
+learning = LearnOptions(updates=10_000)
 problem = trot_mppi.sampled_problem()
 
 

@@ -18,7 +18,7 @@ objective = ocp.Objective(
     ocp.track(base.angular_velocity, weight=(0, 0, 0.2)),
     ocp.track(base.orientation, weight=(1, 1, 0.6)),
     ocp.track(feet.height, weight=80.0),
-    ocp.track(joints.position, weight=0.05),
+    ocp.track(joints.position, weight=0.2),
     ocp.track(joints.velocity, weight=1e-4),
     ocp.regularize(joints.torque, weight=1e-3),
 )
@@ -37,7 +37,7 @@ terrains = {
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
 reward = sampling.Reward(scale=1.0)
-options = sampling.Options(samples=512, sigma=0.5, p_max=0.1)
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.25)
 value = Path(__file__).with_name("solo12_trot.value")  # made by train_value.py
 
 
