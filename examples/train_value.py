@@ -13,18 +13,23 @@ collecting = CollectOptions(
     episodes=60,  # many and short: what counts is how perturbed states go on
     episode_steps=16,
     horizon=8,
-    explore=replace(trot_mppi.options, samples=256),
+    explore=replace(trot_mppi.options, samples=256, sigma=1.0),
     follow=replace(trot_mppi.options, samples=256, first_stages=3),
 )
-learning = LearnOptions(updates=10_000)
+learning = LearnOptions(updates=10_000, discount=trot_mppi.options.discount)
 problem = trot_mppi.sampled_problem()
 
 
-def main(out: str = "solo12_trot.value", shards: int = collecting.shards, updates: int = learning.updates) -> float:
+def main(
+    out: str = "solo12_trot.value",
+    shards: int = collecting.shards,
+    episodes: int = collecting.episodes,
+    updates: int = learning.updates,
+) -> float:
     """Learn, write the file and return the mean value of what was learned from."""
     value = train_value(
         problem, out, reward=trot_mppi.reward,
-        collecting=replace(collecting, shards=shards), learning=replace(learning, updates=updates),
+        collecting=replace(collecting, shards=shards, episodes=episodes), learning=replace(learning, updates=updates),
     )  # fmt: skip
     print(f"{Path(out).stat().st_size / 1e6:.1f} MB")
     return float(value.record["curves"]["mean_value"][-1])
@@ -34,5 +39,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", default="solo12_trot.value")
     parser.add_argument("--shards", type=int, default=collecting.shards)
+    parser.add_argument("--episodes", type=int, default=collecting.episodes)
     parser.add_argument("--updates", type=int, default=learning.updates)
     print(f"mean value {main(**vars(parser.parse_args())):.2f}")

@@ -1,7 +1,5 @@
 """Solo12 trots at 0.3 m/s: one declaration, optimised by MSiLQR and run by TD-CD-MPPI on MuJoCo roll-outs."""
 
-from pathlib import Path
-
 import casadi as cs
 
 from piaffe import models, ocp, sampling, solvers
@@ -37,8 +35,7 @@ terrains = {
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
 reward = sampling.Reward(scale=1.0)
-options = sampling.Options(samples=512, sigma=0.5, p_max=0.25)
-value = Path(__file__).with_name("solo12_trot.value")  # made by train_value.py
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.25, discount=0.98)
 
 
 @ocp.residual
@@ -64,7 +61,7 @@ def sampled_problem(terrain: str = "flat", horizon: int = 8, penalties: bool = F
 def main(steps: int = 400) -> float:
     """Solve the trot, then run it on MuJoCo; return the speed that was reached there [m/s]."""
     print(solvers.MSiLQR(problem).solve().raise_if_failed())
-    controller = sampling.TDCDMPPI(sampled_problem(), options, reward=reward, value=value)
+    controller = sampling.TDCDMPPI(sampled_problem(), options, reward=reward)
     episode = sampling.run_episode(controller, steps=steps)
     for name, missed in episode.missed.items():
         print(f"{name}: {100 * missed:.2f} % beyond its limit in the mean")

@@ -176,3 +176,15 @@ def test_the_composition_goes_on_after_the_roll(load, tmp_path):
     module = load("run_roll_run")
     assert module.main(tmp_path) > 0.05
     assert sorted(file.name for file in tmp_path.iterdir()) == ["pace.npz", "roll.npz"]
+
+
+def test_the_trot_is_optimised_and_sampled(load):
+    trot = load("trot_mppi")
+    checked(trot.problem, solvers.MSiLQR(trot.problem).solve().raise_if_failed())
+    assert trot.main(steps=15) >= 0.0
+
+
+def test_a_value_learned_on_flat_ground_serves_on_stairs(load, tmp_path):
+    file = str(tmp_path / "some.value")
+    assert load("train_value").main(file, shards=1, updates=50, episodes=2) > 0.0
+    assert abs(load("stairs_mppi").main(steps=15, value=file)) < 0.1  # it has only begun

@@ -1,6 +1,7 @@
 """One cost: for every shipped motion all engines give what CasADi's own functions give, on 100 000 random points."""
 
 import importlib.util
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +24,8 @@ ENGINES = ("native", "numpy", "vm")
 
 @lru_cache
 def example(name):
+    if str(EXAMPLES) not in sys.path:  # as when one of them is run: some build on another
+        sys.path.insert(0, str(EXAMPLES))
     spec = importlib.util.spec_from_file_location(f"one_cost_{name}", EXAMPLES / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -163,7 +166,8 @@ def check(own, each, want, agree, number=np.float64):
 
 # ------------------------------------------------------------------------------------------------------------- tests
 
-MOTIONS = sorted(path.stem for path in EXAMPLES.glob("*.py"))
+SAMPLED_AGAIN = {"train_value"}  # the very problem of trot_mppi
+MOTIONS = sorted({path.stem for path in EXAMPLES.glob("*.py")} - SAMPLED_AGAIN)
 PRECISIONS = {"double": (np.float64, assert_equal), "single": (np.float32, assert_close)}
 
 
