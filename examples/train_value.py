@@ -1,23 +1,28 @@
 """Learn the terminal value of the trot on flat ground: sampled states, closed loops from them, temporal differences."""
 
 import argparse
+import os
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import trot_mppi
 
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
 
+follow = replace(trot_mppi.options, samples=192, first_stages=3, threads=1)
 collecting = CollectOptions(
-    shards=12,
+    shards=16,
+    rounds=2,
     episodes=60,  # many and short: what counts is how perturbed states go on
     episode_steps=16,
     horizon=8,
-    explore=replace(trot_mppi.options, samples=256, sigma=1.0),
-    follow=replace(trot_mppi.options, samples=256, first_stages=3),
+    explore=replace(follow, sigma=1.0),
+    follow=follow,
 )
-learning = LearnOptions(updates=10_000, discount=trot_mppi.options.discount)
-problem = trot_mppi.sampled_problem()
+learning = LearnOptions(updates=12_000, target_rate=0.01, discount=trot_mppi.options.discount)
 
 
 def main(
@@ -25,12 +30,17 @@ def main(
     shards: int = collecting.shards,
     episodes: int = collecting.episodes,
     updates: int = learning.updates,
+    workers: int = 0,
 ) -> float:
-    """Learn, write the file and return the mean value of what was learned from."""
-    value = train_value(
-        problem, out, reward=trot_mppi.reward,
-        collecting=replace(collecting, shards=shards, episodes=episodes), learning=replace(learning, updates=updates),
-    )  # fmt: skip
+    """Learn, write the file and return the mean value of what was learned from; ``workers`` processes collect."""
+    # JAX, which learns, has threads of its own: processes are begun anew, not forked
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn")) if workers else nullcontext()
+    with pool as executor:
+        value = train_value(
+            trot_mppi.sampled_problem, out, reward=trot_mppi.reward, executor=executor,
+            collecting=replace(collecting, shards=shards, episodes=episodes),
+            learning=replace(learning, updates=updates),
+        )  # fmt: skip
     print(f"{Path(out).stat().st_size / 1e6:.1f} MB")
     return float(value.record["curves"]["mean_value"][-1])
 
@@ -41,4 +51,5 @@ if __name__ == "__main__":
     parser.add_argument("--shards", type=int, default=collecting.shards)
     parser.add_argument("--episodes", type=int, default=collecting.episodes)
     parser.add_argument("--updates", type=int, default=learning.updates)
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
     print(f"mean value {main(**vars(parser.parse_args())):.2f}")

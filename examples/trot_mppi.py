@@ -14,9 +14,10 @@ trot = models.gaits.trot(SPEED, stance_time=0.25, swing_height=0.06, height=0.27
 objective = ocp.Objective(
     ocp.track(base.linear_velocity, weight=(2, 2, 0)),
     ocp.track(base.angular_velocity, weight=(0, 0, 0.2)),
-    ocp.track(base.orientation, weight=(1, 1, 0.6)),
+    ocp.track(base.orientation, weight=(0, 0, 0.6)),
+    ocp.track(base.ground_normal, weight=(1, 1, 0)),  # roll and pitch, against the slope of the ground
     ocp.track(feet.height, weight=80.0),
-    ocp.track(joints.position, weight=0.2),
+    ocp.track(feet.reach, weight=30.0),  # without it feet that carry weight stay behind, until the robot trips over them
     ocp.track(joints.velocity, weight=1e-4),
     ocp.regularize(joints.torque, weight=1e-3),
 )
@@ -34,8 +35,8 @@ terrains = {
     "incline": models.terrain.incline(0.18),
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
-reward = sampling.Reward(scale=1.0)
-options = sampling.Options(samples=512, sigma=0.5, p_max=0.25, discount=0.98)
+reward = sampling.Reward(scale=0.3)
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.5, discount=0.95)
 
 
 @ocp.residual

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 import casadi as cs
 import numpy as np
 
+from piaffe.ocp import rotation
 from piaffe.ocp.quantity import Bound, Quantity
 
-from .postures import HEIGHT, XYZ, foot_labels
+from .postures import HEIGHT, XYZ, foot_labels, reach_labels
 from .quantities import base, com, feet, frames, joints, momentum
 from .recursions import Recursion
 from .robot import Robot
 from .terrain import Terrain
 from .tree import Inertials, Point
+
+
+_TINY = 1e-12  # a nose that points straight up has no heading
 
 
 class Makers(dict[str, Callable[[], Bound]]):
@@ -56,16 +61,28 @@ def bind_motion(
         above: cs.SX = x[2] - terrain.mean_height([place[0] for place in found], [place[1] for place in found])
         return above
 
+    def normal() -> cs.SX:
+        found = places()
+        return ground_normal(x[3:7], terrain.slope([place[0] for place in found], [place[1] for place in found]))
+
+    def reach() -> cs.SX:
+        ahead = rotation.matrix(x[3:7])[:2, 0]
+        ahead /= cs.sqrt(cs.sumsqr(ahead) + _TINY)
+        turned = cs.vertcat(cs.horzcat(ahead[0], ahead[1]), cs.horzcat(-ahead[1], ahead[0]))
+        return cs.vertcat(*(turned @ (place[:2] - x[:2]) for place in places()))
+
     make.supply(base.position, XYZ, lambda: motion.position)
     make.supply(base.orientation, XYZ, lambda: x[3:7])
     make.supply(base.linear_velocity, XYZ, lambda: motion.v[:3])
     make.supply(base.angular_velocity, XYZ, lambda: motion.v[3:6])
     make.supply(base.height, HEIGHT, height)
+    make.supply(base.ground_normal, XYZ, normal)
     make.supply(joints.position, names, lambda: x[7:nq])
     make.supply(joints.velocity, names, lambda: motion.v[6:])
     make.supply(feet.position, stacked, lambda: cs.vertcat(*places()))
     make.supply(feet.velocity, stacked, lambda: cs.vertcat(*map(motion.velocity, toes)))
     make.supply(feet.height, robot.foot_names, gaps)
+    make.supply(feet.reach, reach_labels(robot), reach)
     make.supply(feet.contact, robot.foot_names, lambda: p["contact"])
     make.supply(feet.landing, robot.foot_names, lambda: p["landing"])
     make.supply(feet.lifting, robot.foot_names, lambda: p["lifting"])
@@ -76,6 +93,13 @@ def bind_motion(
         make.supply(frames[name].position, XYZ, partial(motion.point, point))
         make.supply(frames[name].velocity, XYZ, partial(motion.velocity, point))
     return make
+
+
+def ground_normal(orientation: cs.SX, slope: tuple[Any, Any]) -> cs.SX:
+    """Return the upward normal of ground that rises by ``slope`` along x and y, in the axes of a body, (3, 1)."""
+    upward = cs.vertcat(-slope[0], -slope[1], 1.0)
+    turned: cs.SX = rotation.matrix(orientation).T @ cs.SX(upward / cs.norm_2(upward))
+    return turned
 
 
 def inertials(p: Mapping[str, cs.SX]) -> Inertials:

@@ -36,16 +36,23 @@ def foot_labels(robot: Robot) -> tuple[str, ...]:
     return tuple(f"{foot.name} {axis}" for foot in robot.feet for axis in XYZ)
 
 
+def reach_labels(robot: Robot) -> tuple[str, ...]:
+    """Return the labels of what feet reach: ``"FL ahead"``, ``"FL left"``, and so on."""
+    return tuple(f"{foot.name} {side}" for foot in robot.feet for side in ("ahead", "left"))
+
+
 def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
     """Return the quantities of a robot that a target can name, and the labels of their components."""
     joints, stacked = quantities.joints, foot_labels(robot)
     return {
         **dict.fromkeys([base.position, base.orientation, base.linear_velocity, base.angular_velocity], XYZ),
         base.height: HEIGHT,
+        base.ground_normal: XYZ,
         **dict.fromkeys([joints.position, joints.velocity, joints.acceleration], robot.joint_names),
         **dict.fromkeys([joints.torque, joints.target], robot.joint_names),
         **dict.fromkeys([feet.position, feet.velocity, feet.force], stacked),
         feet.height: robot.foot_names,
+        feet.reach: reach_labels(robot),
         **dict.fromkeys([com.position, com.velocity, momentum], XYZ),
     }
 

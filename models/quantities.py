@@ -14,9 +14,11 @@ base = group(
     linear_velocity=("m/s", "direction"),
     angular_velocity="rad/s",
     height="m",
+    ground_normal="",
 )
 """The floating base's origin: world position and velocity, attitude, angular velocity in *body* axes; ``height`` is
-that above the terrain's mean height below the feet."""
+that above the terrain's mean height below the feet, ``ground_normal`` the upward normal of the plane through the ground
+below the feet, in body axes: (0, 0, 1) of a base that is parallel to it."""
 
 joints = group("joints", position="rad", velocity="rad/s", acceleration="rad/s^2", torque="Nm", target="rad")
 """The actuated joints, in state order; ``target`` is what a joint controller follows."""
@@ -27,11 +29,13 @@ feet = group(
     velocity=("m/s", "direction"),
     force=("N", "direction"),
     height="m",
+    reach="m",
     contact="",
     landing="",
     lifting="",
 )
-"""The feet. ``height`` is the gap between ball and terrain; ``force`` acts on the robot, zero for feet in the air;
+"""The feet. ``height`` is the gap between ball and terrain; ``reach`` how far a foot is ahead and to the left of the base's
+origin, in the axes of its heading; ``force`` acts on the robot, zero for feet in the air;
 ``contact`` is 1 for feet on the ground, ``landing`` for feet that touch down at the phase's end,
 ``lifting`` for feet at the first two nodes after they have left."""
 

@@ -17,6 +17,7 @@ from piaffe.ocp.manifold import Block, Manifold
 from piaffe.ocp.model import Dynamics, Node, Quantities, Sample
 from piaffe.ocp.quantity import Bound
 
+from .bindings import ground_normal
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate
 from .postures import HEIGHT, XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
@@ -118,6 +119,7 @@ class SingleRigidBody(LeggedModel):
             Bound(base.linear_velocity, x[7:10], XYZ),
             Bound(base.angular_velocity, x[10:13], XYZ),
             Bound(base.height, x[2] - p["terrain"], HEIGHT),
+            Bound(base.ground_normal, ground_normal(x[3:7], (0.0, 0.0)), XYZ),
             Bound(feet.force, u, stacked),
             Bound(feet.position, p["footholds"], stacked),
             Bound(feet.contact, p["contact"], names),

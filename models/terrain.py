@@ -19,6 +19,7 @@ from .mujoco_look import FLOOR, import_mujoco
 
 _DEPTH = 0.3  # [m], how far boxes reach below the floor
 _STONE = (0.72, 0.74, 0.78, 1.0)
+_TINY = 1e-6  # [m²], added to the spread of places; feet of a robot are spread by more than 0.01
 _MOST_NODES = 400  # of a height field: each costs some ten operations per foot
 
 
@@ -33,6 +34,18 @@ class Terrain(ABC):
             x: CasADi expressions or NumPy arrays of any shape [m].
             y: the same [m].
         """
+
+    def slope(self, xs: Sequence[Any], ys: Sequence[Any]) -> tuple[Any, Any]:
+        """Return how steeply the ground rises along x and y: of the plane that fits it best at some places.
+
+        Where the places lie in a line, the plane is level across it.
+        """
+        zs = [self.height(x, y) for x, y in zip(xs, ys, strict=True)]
+        dx, dy, dz = ([value - sum(values) / len(values) for value in values] for values in (xs, ys, zs))
+        xx, xy, yy = _dot(dx, dx) + _TINY, _dot(dx, dy), _dot(dy, dy) + _TINY
+        xz, yz = _dot(dx, dz), _dot(dy, dz)
+        determinant = xx * yy - xy * xy
+        return (yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant
 
     @abstractmethod
     def add_to(self, spec: Any, **surface: Any) -> None:
@@ -60,6 +73,10 @@ class Flat(Terrain):
     def mean_height(self, xs: Sequence[Any], ys: Sequence[Any]) -> Any:
         """Return the level [m]."""
         return self.height(xs[0], ys[0])
+
+    def slope(self, xs: Sequence[Any], ys: Sequence[Any]) -> tuple[Any, Any]:
+        """Return zeros."""
+        return 0.0, 0.0
 
     def add_to(self, spec: Any, **surface: Any) -> None:
         """Add a plane."""
@@ -316,6 +333,10 @@ def heightfield(heights: ArrayLike, size: tuple[float, float], centre: tuple[flo
 
 
 # ---- expressions and numbers alike
+
+
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return sum(x * y for x, y in zip(a, b, strict=True))
 
 
 def _is_symbolic(value: Any) -> bool:

@@ -41,8 +41,8 @@ def traced_value(value: Any, mode: LoweredMode) -> Callable[[Any, Any], Any]:
     def of(states: Any, numbers: Any) -> Any:
         (seen,) = inputs(states, numbers)
         lying = jnp.zeros(len(states), dtype=bool)
-        if "gravity" in places and "tilt" in value.fall:
-            lying |= -seen[:, places["gravity"] + 2] < np.cos(value.fall["tilt"])
+        if "ground normal" in places and "tilt" in value.fall:
+            lying |= seen[:, places["ground normal"] + 2] < np.cos(value.fall["tilt"])
         if "base height" in places and "height" in value.fall:
             lying |= seen[:, places["base height"]] < value.fall["height"]
         return jnp.where(lying, 0.0, _network(value.network, seen))

@@ -45,7 +45,8 @@ class GaitReference(Reference):
         p = hip(t + T/2) − (h/g) a + k (v − v_ref)
 
     clamped to a box about the hip at touchdown that the leg can reach. Heights of base and feet are also targets of
-    ``base.height`` and ``feet.height``, above whatever terrain a model stands on.
+    ``base.height`` and ``feet.height``, and roll and pitch one of ``base.ground_normal``, relative to whatever terrain a
+    model stands on.
 
     Args:
         speed: forward velocity after the ramp [m/s].
@@ -140,6 +141,7 @@ class BoundGait(BoundReference):
         position, rpy, velocity, rates = self._base(t)
         orientation, omega = rotation.np_from_rpy(rpy), rotation.np_body_rate(rpy, rates)
         place, swing = self.footsteps.at(t)
+        yaw = rpy[:, 2]
         angles, _ = self.kinematics.world_inverse(position, orientation, place)
         inward = np.swapaxes(rotation.np_matrix(orientation), -1, -2)
         arms = (place - position[:, None]) @ np.swapaxes(inward, -1, -2)
@@ -150,10 +152,12 @@ class BoundGait(BoundReference):
             base.linear_velocity: velocity,
             base.angular_velocity: omega,
             base.height: position[:, 2:] - self.gait.terrain,
+            base.ground_normal: inward[..., 2],
             joints.position: angles,
             joints.velocity: self.kinematics.joint_velocities(angles, relative),
             feet.position: place.reshape(len(t), -1),
             feet.velocity: swing.reshape(len(t), -1),
+            feet.reach: turn_by(-yaw[:, None], (place - position[:, None])[..., :2]).reshape(len(t), -1),
             feet.height: place[..., 2] - (self.gait.terrain + self.robot.foot_radius),
         }
 

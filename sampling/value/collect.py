@@ -39,7 +39,8 @@ class CollectOptions:
         shards: how many in each round.
         rounds: of collecting and learning. In the first the controller has no value; in the others that of the rounds
             before: where a planner overrates its value it goes there, and what it finds corrects it.
-        explore_steps: steps of closed loop with ordinary MPPI per shard; its roll-outs are where episodes begin.
+        explore_steps: steps of closed loop per shard whose roll-outs are where episodes begin: of ordinary MPPI in the
+            first round, of the controller with the value of the round before in the others.
         episodes: episodes per shard.
         episode_steps: of each, unless it falls.
         horizon: H of the controller that is followed, and of MPPI.
@@ -120,11 +121,18 @@ class Actors:
 
     @classmethod
     def of(cls, problem: Problem, options: CollectOptions, reward: Reward, value: Path | None = None) -> Actors:
-        """Return those of a problem; the world is the planner's own model, as in the paper."""
+        """Return those of a problem; the world is the planner's own model, as in the paper.
+
+        Without a value ordinary MPPI explores, as in the paper. A controller that has one asks it about the ends of its
+        own roll-outs: there it has to be right.
+        """
         segment = problem.schedule.segments[0]
         schedule = segment.model.over(options.horizon * segment.dt, dt=segment.dt).without(*segment.excluded)
-        follow = TDCDMPPI(problem.with_schedule(schedule), options.follow, reward=reward, value=value)
-        explore = MPPI(problem.with_schedule(schedule), options.explore, reward=reward)
+        scheduled = problem.with_schedule(schedule)
+        follow = TDCDMPPI(scheduled, options.follow, reward=reward, value=value)
+        explore: MPPI = TDCDMPPI(scheduled, options.follow, reward=reward, value=value)
+        if value is None:
+            explore = MPPI(scheduled, options.explore, reward=reward)
 
         def step(x: Array, u: Array) -> Array:
             return np.array(follow.engine.rollout(x, u[None, None]).states[0, 1])

@@ -71,10 +71,6 @@ def _toward(heading: cs.SX, v: cs.SX) -> cs.SX:
     return along
 
 
-def _gravity(s: Any, _: Targets) -> Any:
-    return -_axes(s)[2, :].T
-
-
 def _yaw_error(s: Any, r: Targets) -> Any:
     nose = _axes(s)[:2, 0]
     return _toward(r.heading, nose / cs.sqrt(cs.sumsqr(nose) + _TINY))
@@ -91,7 +87,7 @@ def _position_error(s: Any, r: Targets) -> Any:
 FEATURES = {
     feature.name: feature
     for feature in (
-        Feature("gravity", _gravity),
+        Feature("ground normal", lambda s, _: s.base.ground_normal),
         Feature("yaw error", _yaw_error),
         Feature("linear velocity", _linear_velocity),
         Feature("angular velocity", lambda s, _: s.base.angular_velocity),
@@ -105,8 +101,8 @@ FEATURES = {
         Feature("position error", _position_error),
     )
 }
-"""The features that a value file may name. Gravity and velocities are in body axes; heights are those above the
-terrain; yaw error is the cosine and sine of the yaw relative to the path's; position error is that on the ground, along
+"""The features that a value file may name. The normal of the ground below the feet and
+velocities are in body axes; heights are those above the terrain; yaw error is the cosine and sine of the yaw relative to the path's; position error is that on the ground, along
 and to the left of the path's heading."""
 
 STANDARD = tuple(name for name in FEATURES if name != "position error")

@@ -84,8 +84,8 @@ class Value:
         """Return which rows of inputs (n, m) are falls; what they do not tell is none."""
         fallen, start = np.zeros(len(seen), dtype=bool), 0
         for name, size in self.made_for["inputs"].items():
-            if name == "gravity" and "tilt" in self.fall:
-                fallen |= -seen[:, start + 2] < np.cos(self.fall["tilt"])
+            if name == "ground normal" and "tilt" in self.fall:
+                fallen |= seen[:, start + 2] < np.cos(self.fall["tilt"])
             if name == "base height" and "height" in self.fall:
                 fallen |= seen[:, start] < self.fall["height"]
             start += size

@@ -17,8 +17,8 @@ ROBOT = models.load("solo12")
 BODY = models.WholeBody(ROBOT)
 PLANT = models.Mujoco(ROBOT)
 SHARED = [
-    base.position, base.orientation, base.linear_velocity, base.angular_velocity, base.height, joints.position,
-    joints.velocity, feet.position, feet.velocity, feet.height, feet.contact, feet.landing, feet.lifting, com.position,
+    base.position, base.orientation, base.linear_velocity, base.angular_velocity, base.height,
+    base.ground_normal, joints.position, joints.velocity, feet.position, feet.velocity, feet.height, feet.reach, feet.contact, feet.landing, feet.lifting, com.position,
     com.velocity, momentum, frames["FL_KFE"].position, frames["HR_KFE"].velocity,
 ]  # fmt: skip
 
@@ -99,6 +99,34 @@ def test_heights_are_above_the_terrain():
         assert plant.height_above_terrain(x) == pytest.approx(x[2] - below.mean(), abs=1e-12)
 
 
+def test_ground_normal_of_a_base_that_leans_with_the_slope_is_its_own_axis():
+    angle = 0.3
+    plant = models.Mujoco(ROBOT, terrain=terrain.incline(angle, start=-inf, direction=0.5))
+    lean = rotation.np_multiply(
+        rotation.np_from_rpy(np.array([0.0, 0.0, 0.5])), rotation.np_from_rpy(np.array([0.0, -angle, 0.0]))
+    )
+    for yaw in (0.0, 1.0, -2.0):
+        x = PLANT.state()
+        x[3:7] = rotation.np_multiply(lean, rotation.np_from_rpy(np.array([0.0, 0.0, yaw])))
+        assert evaluate(plant, base.ground_normal, x, np.zeros(12))[0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-4)
+    x[3:7] = rotation.np_from_rpy(np.array([0.2, 0.0, 0.5]))
+    rolled = evaluate(PLANT, base.ground_normal, x, np.zeros(12))[0]
+    assert rolled == pytest.approx([0.0, np.sin(0.2), np.cos(0.2)], abs=1e-12)
+
+
+def test_reach_of_feet_is_told_in_the_heading():
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        x = random_state(rng)
+        yaw = rotation.np_to_rpy(x[3:7])[2]
+        places = evaluate(PLANT, feet.position, x, np.zeros(12))[0].reshape(4, 3)[:, :2] - x[:2]
+        c, s = np.cos(yaw), np.sin(yaw)
+        expected = np.column_stack([places @ [c, s], places @ [-s, c]])
+        value, labels = evaluate(PLANT, feet.reach, x, np.zeros(12))
+        assert value == pytest.approx(expected.ravel(), abs=1e-9)
+        assert labels[:2] == ("FL ahead", "FL left")
+
+
 def test_single_rigid_body_and_whole_body_stand_on_their_terrain_s_height():
     rigid, x = models.SingleRigidBody(ROBOT), random_state(np.random.default_rng(3))
     assert evaluate(BODY, base.height, x, np.zeros(12), terrain=0.2)[0] == pytest.approx([x[2] - 0.2])
@@ -114,6 +142,9 @@ def test_a_gait_s_heights_are_those_of_its_feet_and_base():
         place = sample[feet.position].reshape(4, 3)[:, 2] - ROBOT.foot_radius
         assert sample[feet.height] == pytest.approx(place)
         assert sample[base.height] == pytest.approx([sample[base.position][2]])
+        x = BODY.state.pack({name: sample[name] for name in BODY.state.unpack(BODY.state())})
+        for quantity in (feet.reach, base.ground_normal):
+            assert sample[quantity] == pytest.approx(evaluate(BODY, quantity, x, np.zeros(12))[0], abs=2e-3)
     assert sample[base.height] == pytest.approx([0.22])
     late = np.array([path.sample(t, path.interval_at(t))[feet.height] for t in np.arange(2.0, 2.5, 0.01)])
     assert late.min() == pytest.approx(0.0, abs=1e-12)

@@ -56,6 +56,21 @@ def test_rays_hit_the_geoms_at_the_height(ground):
     assert 2.0 - np.array(hits) == pytest.approx(ground.height(xs, ys), abs=1e-7)  # float32 in height fields
 
 
+def test_slope_is_that_of_the_plane_that_fits_best(ground):
+    xs, ys = places()[:, :6]
+    zs = ground.height(xs, ys)
+    fitted, *_ = np.linalg.lstsq(np.column_stack([xs, ys, np.ones(6)]), zs, rcond=None)
+    assert ground.slope(list(xs), list(ys)) == pytest.approx(fitted[:2], abs=1e-4)
+
+
+def test_places_in_a_line_tell_no_slope_across_it():
+    ground = terrain.incline(0.3, start=-inf)
+    along, across = ground.slope([0.0, 0.0], [-0.2, 0.2])
+    assert abs(along) < 1e-9
+    assert abs(across) < 1e-9
+    assert ground.slope([-0.2, 0.2], [0.0, 0.0])[0] == pytest.approx(np.tan(0.3), abs=1e-4)
+
+
 def test_terrains_differ_from_a_plane():
     xs, ys = places()
     for name, ground in GROUNDS.items():

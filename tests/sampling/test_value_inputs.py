@@ -42,7 +42,7 @@ def test_standard_inputs_are_49_numbers(nodes: Nodes) -> None:
     assert sum(spec.values()) == 49
     labels = ValueInputs().labels(nodes.mode)
     assert len(labels) == 49
-    assert labels[:4] == ("gravity 0", "gravity 1", "gravity 2", "yaw error 0")
+    assert labels[:4] == ("ground normal 0", "ground normal 1", "ground normal 2", "yaw error 0")
     assert "base height" in labels
 
 
@@ -51,7 +51,7 @@ def test_inputs_are_those_of_their_names(nodes: Nodes) -> None:
     seen = columns(nodes, states, k)
     axes = rotation.np_matrix(states[:, 3:7])
     yaw = np.arctan2(axes[:, 1, 0], axes[:, 0, 0])
-    np.testing.assert_allclose(seen["gravity"], -axes[:, 2, :])
+    np.testing.assert_allclose(seen["ground normal"], axes[:, 2, :])
     np.testing.assert_allclose(seen["yaw error"], np.column_stack([np.cos(yaw), np.sin(yaw)]), atol=1e-8)
     np.testing.assert_allclose(seen["linear velocity"], np.einsum("nij,ni->nj", axes, states[:, 19:22]))
     np.testing.assert_allclose(seen["angular velocity"], states[:, 22:25])
@@ -76,6 +76,17 @@ def test_inputs_are_the_same_on_ground_of_any_level(nodes: Nodes) -> None:
     raised = states + np.r_[0.0, 0.0, 0.7, np.zeros(34)]
     for name, values in columns(nodes, states).items():
         np.testing.assert_allclose(columns(higher, raised)[name], values, atol=1e-9, err_msg=name)
+
+
+def test_inputs_of_a_robot_that_leans_with_the_slope_are_those_on_flat_ground(nodes: Nodes) -> None:
+    angle = 0.2
+    sloping = Nodes(trot_problem(terrain=models.terrain.incline(angle, start=-np.inf)))
+    lean = rotation.np_from_rpy(np.array([0.0, -angle, 0.0]))
+    flat, leaning = nodes.problem.initial.copy(), nodes.problem.initial.copy()
+    leaning[3:7] = rotation.np_multiply(lean, flat[3:7])
+    seen, expected = columns(sloping, leaning[None]), columns(nodes, flat[None])
+    for name in ("ground normal", "yaw error", "joint positions", "command"):
+        np.testing.assert_allclose(seen[name], expected[name], atol=1e-3, err_msg=name)
 
 
 def test_position_error_is_seen_when_the_objective_asks_for_a_place() -> None:
@@ -134,7 +145,7 @@ def test_features_of_ones_own(nodes: Nodes) -> None:
     def speed(s: Any, r: Any) -> Any:
         return s.base.linear_velocity[0] - r.velocity[0]
 
-    inputs = ValueInputs(["gravity", Feature("speed error", speed)])
+    inputs = ValueInputs(["ground normal", Feature("speed error", speed)])
     states = states_of(nodes)
     np.testing.assert_allclose(columns(nodes, states, inputs=inputs)["speed error"][:, 0], states[:, 19] - 0.3)
 
@@ -152,7 +163,7 @@ def test_feature_that_the_model_cannot_supply_is_refused(nodes: Nodes) -> None:
 
 
 def test_unknown_and_double_features_are_refused() -> None:
-    with pytest.raises(UnknownNameError, match="did you mean 'gravity'"):
-        ValueInputs(["gravty"])
+    with pytest.raises(UnknownNameError, match="did you mean 'ground normal'"):
+        ValueInputs(["ground norml"])
     with pytest.raises(ProblemError, match="each once"):
-        ValueInputs(["gravity", "gravity"])
+        ValueInputs(["phase", "phase"])
