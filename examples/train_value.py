@@ -21,8 +21,15 @@ collecting = CollectOptions(
     horizon=8,
     explore=replace(follow, sigma=1.0),
     follow=follow,
+    alone=replace(follow, p_max=0.5),
 )
-learning = LearnOptions(updates=12_000, target_rate=0.01, discount=trot_mppi.options.discount)
+learning = LearnOptions(
+    updates=9_000,
+    target_rate=0.02,
+    weight_decay=1.0,
+    hidden=(64, 64),  # larger networks learn so few transitions by heart
+    discount=trot_mppi.options.discount,
+)
 
 
 def main(

@@ -36,7 +36,7 @@ terrains = {
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
 reward = sampling.Reward(scale=0.3)
-options = sampling.Options(samples=512, sigma=0.5, p_max=0.5, discount=0.95)
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.05, discount=0.95)
 
 
 @ocp.residual

@@ -48,6 +48,9 @@ class CollectOptions:
             nearer make the value good for shorter horizons too.
         explore: options of MPPI.
         follow: options of the controller that is followed; γ₀ and the largest discounts are what the value is made for.
+        alone: options of the controller that is followed in the first round, without a value; those of ``follow`` unless
+            given. What a violation costs it is a share of the rewards up to its horizon, not of all that come after:
+            the largest discounts that go with a value are too small for it.
         seed: of everything drawn.
     """
 
@@ -60,6 +63,7 @@ class CollectOptions:
     nearest: int = 4
     explore: Options = field(default_factory=lambda: MPPI.defaults)
     follow: Options = field(default_factory=lambda: TDCDMPPI.defaults)
+    alone: Options | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -129,8 +133,9 @@ class Actors:
         segment = problem.schedule.segments[0]
         schedule = segment.model.over(options.horizon * segment.dt, dt=segment.dt).without(*segment.excluded)
         scheduled = problem.with_schedule(schedule)
-        follow = TDCDMPPI(scheduled, options.follow, reward=reward, value=value)
-        explore: MPPI = TDCDMPPI(scheduled, options.follow, reward=reward, value=value)
+        acting = options.follow if value is not None else options.alone or options.follow
+        follow = TDCDMPPI(scheduled, acting, reward=reward, value=value)
+        explore: MPPI = TDCDMPPI(scheduled, acting, reward=reward, value=value)
         if value is None:
             explore = MPPI(scheduled, options.explore, reward=reward)
 

@@ -69,7 +69,7 @@ def learn(
     data = _on_device(train, mean, std)
     held_out = None if test is None else _on_device(test, mean, std)
     graph, state = _first(options, train.inputs.shape[1])
-    rates = {name: jnp.float32(getattr(options, name)) for name in ("discount", "learning_rate", "target_rate")}
+    rates = {name: jnp.float32(getattr(options, name)) for name in ("discount", "learning_rate", "target_rate", "weight_decay")}
     curves: list[dict[str, float]] = []
     kept = None if checkpoints is None else Checkpoints(checkpoints, options, train)
     if kept is not None:
@@ -99,7 +99,7 @@ def _first(options: LearnOptions, inputs: int) -> tuple[Any, dict[str, Any]]:
     return graph, {
         "online": parameters,
         "target": target,
-        "optimiser": optax.adam(options.learning_rate).init(parameters),
+        "optimiser": optax.adamw(options.learning_rate).init(parameters),
     }
 
 
@@ -132,7 +132,7 @@ def _run(
     data: dict[str, jax.Array],
 ) -> tuple[dict[str, Any], jax.Array]:
     """Return the state after minibatches ``first`` to ``last - 1``, and their mean loss."""
-    optimiser = optax.adam(rates["learning_rate"])
+    optimiser = optax.adamw(rates["learning_rate"], weight_decay=rates["weight_decay"])
     total = data["rewards"].shape[0]
 
     def loss_of(online: Any, rows: dict[str, jax.Array], targets: jax.Array) -> jax.Array:
@@ -144,7 +144,7 @@ def _run(
         rows = {name: values[chosen] for name, values in data.items()}
         targets = _targets(graph, rates["discount"], state["target"], rows)
         loss, gradient = jax.value_and_grad(loss_of)(state["online"], rows, targets)
-        changes, moments = optimiser.update(gradient, state["optimiser"])
+        changes, moments = optimiser.update(gradient, state["optimiser"], state["online"])
         online = optax.apply_updates(state["online"], changes)
         target = optax.incremental_update(online, state["target"], rates["target_rate"])
         return {"online": online, "target": target, "optimiser": moments}, losses + loss

@@ -17,7 +17,9 @@ class LearnOptions:
         discount: γ₀ per step; the planner's must be the same.
         updates: minibatches in all.
         batch: transitions per minibatch.
-        learning_rate: of Adam.
+        learning_rate: of AdamW.
+        weight_decay: of AdamW, per step in units of the learning rate. A dataset of some 10 000 transitions is learnt by
+            heart without it.
         target_rate: τ of the target network, θ' ← τ θ + (1 − τ) θ' after every minibatch. The paper's is 1e-3, with
             which the target needs about 1e5 minibatches.
         hidden: sizes of the hidden layers.
@@ -30,6 +32,7 @@ class LearnOptions:
     updates: int = 20_000
     batch: int = 512
     learning_rate: float = 3e-4
+    weight_decay: float = 0.0
     target_rate: float = 5e-3
     hidden: tuple[int, ...] = HIDDEN
     held_out: float = 0.1
@@ -45,6 +48,8 @@ class LearnOptions:
                 self._refuse(name, "a number in (0, 1]")
         if not 0 < self.learning_rate < float("inf"):
             self._refuse("learning_rate", "a positive number")
+        if not 0 <= self.weight_decay < float("inf"):
+            self._refuse("weight_decay", "a number, at least 0")
         if not 0 <= self.held_out < 1:
             self._refuse("held_out", "a number in [0, 1)")
         if not self.hidden or not all(isinstance(n, int) and n > 0 for n in self.hidden):

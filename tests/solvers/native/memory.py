@@ -39,7 +39,7 @@ from .test_solver import ALL
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 OF_EXAMPLES = (
     "barrel_roll", "biped", "cascade", "gaits:bound", "gaits:pace", "gaits:flying_trot", "gaits:pronk",
-    "own_dynamics", "own_terms", "randomised_mass",
+    "own_dynamics", "own_terms", "randomised_mass", "run_roll_run", "trot_mppi",
 )  # fmt: skip
 SMALL = tuple(name for name in ALL if name != "landing")
 COMMON = ("-std=gnu11", "-w", "-O1", "-g", "-fno-omit-frame-pointer", "-fno-math-errno", "-ffp-contract=fast")
