@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes as ct
 from functools import lru_cache
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,3 +49,10 @@ def _library() -> ct.CDLL | None:
         return None
     loaded.piaffe_take.restype = None
     return loaded
+
+
+@lru_cache(maxsize=1)
+def no_time() -> Any:
+    """Return a C function that MuJoCo may ask for the time at no cost, always zero; None without a compiler."""
+    library = _library()
+    return None if library is None else ct.CFUNCTYPE(ct.c_double)(("piaffe_no_time", library))

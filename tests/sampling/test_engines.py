@@ -236,6 +236,27 @@ def test_another_users_warnings_come_back_after_a_rollout():
     assert len(heard) == 1
 
 
+def test_mujocos_clock_rests_during_a_rollout_unless_it_is_the_users():
+    step = mujoco.mjtTimer.mjTIMER_STEP
+    model = solo.simulated().compiled()
+    data = mujoco.MjData(model)
+    with NativeEngine(solo.simulated(), threads=0) as engine:
+        engine.rollout(solo.STANDING, solo.controls(3, 4))
+        assert engine._data[0].timer[step].duration == 0.0
+        assert mujoco.get_mjcb_time() is None
+        mujoco.mj_step(model, data)
+        assert data.timer[step].duration > 0.0
+        asked = []
+        mujoco.set_mjcb_time(lambda: asked.append(1) or 0.0)
+        try:
+            users = mujoco.get_mjcb_time()
+            engine.rollout(solo.STANDING, solo.controls(3, 4))
+            assert asked
+            assert mujoco.get_mjcb_time() is users
+        finally:
+            mujoco.set_mjcb_time(None)
+
+
 def test_a_failure_does_not_reach_the_next_rollout(engine):
     controls = solo.controls(4, 5)
     expected = engine.rollout(solo.STANDING, controls).states.copy()
