@@ -103,7 +103,10 @@ def shared_steps(controls: Array) -> int:
     """Return how many of the first controls (n, S, nu) all samples share: less than S, and none if n is 1."""
     n, steps = controls.shape[:2]
     count = 0
-    while n > 1 and count < steps - 1 and bool(np.all(controls[:, count] == controls[0, count])):
+    while n > 1 and count < steps - 1:
+        first, second = controls[:2, count]
+        if not (np.array_equal(first, second) and np.all(controls[:, count] == first)):  # two tell most often
+            break
         count += 1
     return count
 

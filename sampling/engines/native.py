@@ -129,13 +129,20 @@ class NativeEngine(Engine):
 
     def _lead(self, x0: Array, controls: Array) -> _Lead:
         """Return the steps that all samples share, none if something is wrong in them: then each fails by itself."""
-        none = _Lead(np.empty((0, self.nq + self.nv)), np.insert(x0, 0, 0.0, axis=-1), np.zeros(self.nv))
+        nx, dt = self.nq + self.nv, self._model.opt.timestep
+        start = np.zeros((*x0.shape[:-1], 1 + nx))
+        start[..., 1:] = x0
+        none = _Lead(np.empty((0, nx)), start, np.zeros(self.nv))
         count = shared_steps(controls) if x0.ndim == 1 else 0
         if not count:
             return none
         data, held = self._data[0], np.repeat(controls[:1, :count], self.substeps, axis=1)
-        path, _ = self._alone.rollout(self._model, data, none.end, held)
-        on_time = path[0, -1, 0] > (path.shape[1] - 0.5) * self._model.opt.timestep
+        path, sensors = (np.empty((1, held.shape[1], size)) for size in (1 + nx, self._model.nsensordata))
+        self._alone.rollout(
+            [self._model], [data], start[None], held, skip_checks=True, nstep=held.shape[1], state=path,
+            sensordata=sensors,
+        )  # fmt: skip
+        on_time = path[0, -1, 0] > (held.shape[1] - 0.5) * dt
         if not on_time or data.warning.number.any() or may_be_bad(path[:, :, 1:], self.nq)[0]:
             return none
         return _Lead(path[0, self.substeps - 1 :: self.substeps, 1:], path[0, -1], data.qacc_warmstart.copy())
