@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -19,7 +20,7 @@ from piaffe.ocp.timeline import whole_steps
 
 from .engines import engine_for
 from .evaluators import evaluator
-from .noise import deviations
+from .noise import Noise, deviations
 from .options import Options
 from .plan import Plan
 from .reward import Reward
@@ -74,13 +75,15 @@ class MPPI:
         self._centre = 0.5 * (self.model.action.upper + self.model.action.lower)
         self._half = 0.5 * (self.model.action.upper - self.model.action.lower)
         self._ends = bool(self.nodes.mode.rows["terminal_residual"])
+        self._drawing = ThreadPoolExecutor(1)
         self.reset()
 
     # ---- use
 
     def reset(self, seed: int | None = None) -> None:
         """Forget the last plan, and begin the perturbations anew."""
-        self._random = np.random.default_rng(self.options.seed if seed is None else seed)
+        shape = (self.options.samples, self.options.knots, len(self._centre))
+        self._noise = Noise(self.options.seed if seed is None else seed, shape, self._drawing)
         self._plan: Array | None = None  # nodes (n + 1, nu) in halves of the range
         self._time = 0.0
 
@@ -189,11 +192,10 @@ class MPPI:
 
     def _perturbed(self, nodes: Array, sigma: Array) -> Array:
         """Return N perturbed plans and the plan itself, (N + 1, knots + 1, nu); node 0 is being applied."""
-        count, (knots, nu) = self.options.samples, nodes[1:].shape
-        noise = self._random.standard_normal((count, knots, nu))
-        noise *= np.repeat(sigma[1:, None], nu, axis=1)
+        noise = self._noise()
+        noise *= np.repeat(sigma[1:, None], nodes.shape[1], axis=1)
         noise += nodes[1:]
-        samples = np.empty((count + 1, *nodes.shape))
+        samples = np.empty((self.options.samples + 1, *nodes.shape))
         samples[:, 0], samples[-1] = nodes[0], nodes
         np.clip(noise, -1.0, 1.0, out=samples[:-1, 1:])
         return samples
