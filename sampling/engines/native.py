@@ -78,6 +78,7 @@ class NativeEngine(Engine):
         self._data = [mujoco.MjData(self._model) for _ in range(max(self.threads, 1))]
         self._pool: Any = Rollout(nthread=self.threads)
         self._alone = Rollout(nthread=0)  # works on the calling thread
+        no_time()  # compiled now, rather than in the first rollout
         self._buffers: dict[tuple[int, int, int], _Buffers] = {}
 
     def rollout(self, x0: Array, controls: Array) -> Rollouts:
