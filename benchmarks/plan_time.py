@@ -1,8 +1,9 @@
 """How long a plan takes, by part, beside MuJoCo's roll-outs alone on the same states and controls in the same run.
 
 The robot walks meanwhile: each turn is one step of a closed loop, in which a plan is made and then its roll-outs are
-made once more by ``mujoco.rollout`` alone, with the same threads, the same memory kept and nothing checked. Without a
-value file a network of the same size with random weights takes its place: it costs the same, and walks worse.
+made once more by ``mujoco.rollout`` alone, all H + 1 steps of each, with the same threads and chunks, the same memory
+kept and nothing checked: as MuJoCo comes, and once more while its clock rests, as it does in a plan. Without a value
+file a network of the same size with random weights takes its place: it costs the same, and walks worse.
 
 Besides the time that passes, the processors' time is told, summed over threads: what a busy machine lengthens less.
 """
@@ -28,12 +29,13 @@ from piaffe.cli.sampled import Declared, load_declared
 from piaffe.cli.trials import CONTROLLERS, NO_VALUE, options_of
 from piaffe.sampling import MPPI
 from piaffe.sampling.engines import NativeEngine
-from piaffe.sampling.engines.native import own_copy
+from piaffe.sampling.engines.native import CHUNKS_PER_THREAD, own_copy, quiet
 from piaffe.sampling.value import Network, Value, ValueInputs, fingerprint, load_value
 from piaffe.sampling.value.network import HIDDEN, Layer
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "trot_mppi.py"
 ALONE, ALONE_BUSY = "mujoco.rollout alone", "mujoco.rollout alone, processors"
+RESTING = "mujoco.rollout alone, its clock at rest"
 WARM_UP = 25  # steps of the closed loop before anything is timed
 
 
@@ -76,7 +78,7 @@ class Alone:
         warm = not controller.engine._model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
         self.model = own_copy(mujoco, controller.model.compiled(), warm_start=warm)
         n, steps = controller.options.samples + 1, controller.steps + 1
-        self.models, self.steps = [self.model] * n, steps
+        self.models, self.steps, self.chunk = [self.model] * n, steps, max(1, n // (CHUNKS_PER_THREAD * threads))
         self.data = [mujoco.MjData(self.model) for _ in range(threads)]
         self.pool = Rollout(nthread=threads)
         self.initial = np.zeros((n, 1 + self.model.nq + self.model.nv))
@@ -88,7 +90,7 @@ class Alone:
         self.initial[:, 1:] = x
         self.pool.rollout(
             self.models, self.data, self.initial, controls, skip_checks=True, nstep=self.steps, state=self.states,
-            sensordata=self.sensors,
+            sensordata=self.sensors, chunk_size=self.chunk,
         )  # fmt: skip
 
 
@@ -153,6 +155,10 @@ def measure(controller: MPPI, setting: Setting, repeats: int) -> dict[str, Any]:
                 wall, busy = time.perf_counter(), time.process_time()
                 alone.roll(x, recorder.controls)
                 turn[ALONE], turn[ALONE_BUSY] = time.perf_counter() - wall, time.process_time() - busy
+                with quiet(mujoco):
+                    wall = time.perf_counter()
+                    alone.roll(x, recorder.controls)
+                    turn[RESTING] = time.perf_counter() - wall
             if k >= WARM_UP:
                 turns.append(turn)
             x = plant.rollout(x, plan.action[None, None]).states[0, -1].copy()
@@ -169,6 +175,7 @@ def measure(controller: MPPI, setting: Setting, repeats: int) -> dict[str, Any]:
     if alone is not None:
         for name, over in (
             ("plan_over_rollout", ("plan", ALONE)),
+            ("plan_over_rollout_at_rest", ("plan", RESTING)),
             ("in_processor_time", ("plan, processors", ALONE_BUSY)),
         ):
             result[name] = round(median(turn[over[0]] / turn[over[1]] for turn in turns), 3)
@@ -203,9 +210,10 @@ def main() -> None:
 
 def lines(results: Mapping[str, Any]) -> Sequence[str]:
     """Return the table: medians in ms."""
-    heads = {"plan": "plan", ALONE: "alone", "plan, processors": "plan, cpu", ALONE_BUSY: "alone, cpu"}
+    heads = {"plan": "plan", ALONE: "alone", RESTING: "no clock"}
+    heads |= {"plan, processors": "plan, cpu", ALONE_BUSY: "alone, cpu"}
     heads |= {part: part for part in ("sample", "roll_out", "evaluate", "value", "weigh", "rest")}
-    ratios = {"plan_over_rollout": "ratio", "in_processor_time": "ratio, cpu"}
+    ratios = {"plan_over_rollout": "ratio", "plan_over_rollout_at_rest": "no clock", "in_processor_time": "ratio, cpu"}
     found = [
         f"value: {results['value']}; medians of {results['repeats']} turns in ms; alone: mujoco.rollout",
         " " * 54 + "".join(f"{head:>11}" for head in (*heads.values(), *ratios.values(), "evaluate")),

@@ -100,9 +100,9 @@ class Nodes:
         missing = range(len(self._rows), count)
         if not missing:
             return
+        self._samples += [self._sample(k) for k in range(len(self._samples), count)]
         p = np.array([self._of_node(k, _RUNNING) for k in missing])
         self._rows += list(zip(p, *self._weights[0](p), strict=True))
-        self._samples += [self._sample(k) for k in missing]
 
     def _sample(self, k: int) -> Sample:
         t = self._time(k)
@@ -114,7 +114,7 @@ class Nodes:
     def _of_node(self, k: int, here: frozenset[At]) -> Array:
         t = self._time(k)
         interval = self._path.interval_at(t)
-        sample = self._path.sample(t, interval)
+        sample = self._samples[k] if k < len(self._samples) else self._path.sample(t, interval)
         node = self._compilation.node(self._stretch, t, interval, sample, is_end=False)
         return self._compilation.numbers.of_node(self.mode, self.dt, node, interval.phase, sample, here)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from .model import Sample
@@ -46,22 +48,41 @@ class Path:
 
     def intervals(self, until: float) -> list[Interval]:
         """Return the phases that begin before a time [s]."""
-        found = []
-        for interval in self.motion.intervals():
-            if interval.start >= until - 1e-9:
-                break
-            found.append(interval)
-        return found
+        return self._walk.before(until)
 
     def interval_at(self, t: float) -> Interval:
         """Return the phase at time t; the later one on a boundary, the last one beyond the end."""
-        last = next(iter(self.motion.intervals()))
-        for interval in self.motion.intervals():
-            if t < interval.start - 1e-9:
-                break
-            last = interval
-        return last
+        return self._walk.at(t)
 
     def interval_before(self, t: float) -> Interval:
         """Return the phase that ends at or contains time t; the earlier one on a boundary."""
-        return self.intervals(t)[-1]
+        return self._walk.before(t)[-1]
+
+    @cached_property
+    def _walk(self) -> _Walk:
+        return _Walk(self.motion)
+
+
+class _Walk:
+    """The phases of a motion as far as they were asked for; finding one takes no longer the later it is."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._rest = motion.intervals()
+        self._found = [next(self._rest)]
+        self._starts = [self._found[0].start]
+
+    def at(self, t: float) -> Interval:
+        self._reach(t)
+        return self._found[max(bisect_right(self._starts, t, key=lambda start: start - _SAME), 1) - 1]
+
+    def before(self, t: float) -> list[Interval]:
+        self._reach(t)
+        return self._found[: bisect_left(self._starts, t - _SAME)]
+
+    def _reach(self, t: float) -> None:
+        while self._starts[-1] - _SAME <= t and (interval := next(self._rest, None)):
+            self._found.append(interval)
+            self._starts.append(interval.start)
+
+
+_SAME = 1e-9  # [s]: times closer than this are one

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -19,7 +20,7 @@ from piaffe.ocp.timeline import whole_steps
 
 from .engines import engine_for
 from .evaluators import evaluator
-from .noise import deviations
+from .noise import Noise, deviations
 from .options import Options
 from .plan import Plan
 from .reward import Reward
@@ -74,13 +75,15 @@ class MPPI:
         self._centre = 0.5 * (self.model.action.upper + self.model.action.lower)
         self._half = 0.5 * (self.model.action.upper - self.model.action.lower)
         self._ends = bool(self.nodes.mode.rows["terminal_residual"])
+        self._drawing = ThreadPoolExecutor(1)
         self.reset()
 
     # ---- use
 
     def reset(self, seed: int | None = None) -> None:
         """Forget the last plan, and begin the perturbations anew."""
-        self._random = np.random.default_rng(self.options.seed if seed is None else seed)
+        shape = (self.options.samples, self.options.knots, len(self._centre))
+        self._noise = Noise(self.options.seed if seed is None else seed, shape, self._drawing)
         self._plan: Array | None = None  # nodes (n + 1, nu) in halves of the range
         self._time = 0.0
 
@@ -159,7 +162,7 @@ class MPPI:
         rolled.returns = self._valid(self.returns(rolled), rollouts.failed)
         began = _lap(seconds, "value", began)
         rolled.weights = softmax(rolled.returns, self.options.temperature)
-        mean = np.einsum("n,njc->jc", rolled.weights, samples)
+        mean = np.einsum("n,ni->i", rolled.weights, samples.reshape(len(samples), -1)).reshape(nodes.shape)
         _lap(seconds, "weigh", began)
         return mean, rolled
 
@@ -189,21 +192,17 @@ class MPPI:
 
     def _perturbed(self, nodes: Array, sigma: Array) -> Array:
         """Return N perturbed plans and the plan itself, (N + 1, knots + 1, nu); node 0 is being applied."""
-        noise = self._random.standard_normal((self.options.samples, *nodes.shape), dtype=np.float32)
+        noise = self._noise()
+        noise *= np.repeat(sigma[1:, None], nodes.shape[1], axis=1)
+        noise += nodes[1:]
         samples = np.empty((self.options.samples + 1, *nodes.shape))
-        np.multiply(noise, sigma[:, None], out=samples[:-1])
-        samples[:-1] += nodes
-        samples[-1] = nodes
-        samples[:, 0] = nodes[0]
-        return np.clip(samples, -1.0, 1.0, out=samples)
+        samples[:, 0], samples[-1] = nodes[0], nodes
+        np.clip(noise, -1.0, 1.0, out=samples[:-1, 1:])
+        return samples
 
     def _controls(self, nodes: Array) -> Array:
         """Return controls in the model's units, (n, H + 1, nu), within their range."""
-        controls = self.spline.to_controls @ nodes
-        np.clip(controls, -1.0, 1.0, out=controls)  # between nodes a parabola may leave the range
-        controls *= self._half
-        controls += self._centre
-        return np.asarray(controls)
+        return self.spline.controls(nodes, self._centre, self._half)
 
     def _valid(self, returns: Array, failed: NDArray[np.bool_]) -> Array:
         """Return returns with the worst one in place of those that are not finite."""
@@ -273,9 +272,9 @@ class MPPI:
 
     def _missed(self, rolled: Rolled) -> dict[str, float]:
         """Return the mean violation of each constraint by weight, of its worst row in every step."""
-        names = np.array(self.constraints)
+        names, rows = np.array(self.constraints), rolled.violation.transpose(0, 2, 1)  # as they lie in memory
         return {
-            name: float(rolled.weights @ rolled.violation[names == name].max(axis=0).mean(axis=1))
+            name: float(np.mean(rows[names == name].max(axis=0) @ rolled.weights))
             for name in dict.fromkeys(self.constraints)
         }
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import ctypes as ct
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
+
+from piaffe.solvers.native import NoCompilerError, build, load
+from piaffe.solvers.native.build import SOLVER_FLAGS
 
 Array = NDArray[np.float64]
 
@@ -26,13 +31,32 @@ class Spline:
     @cached_property
     def to_controls(self) -> Array:
         """W with controls = W nodes, (H + 1, n + 1)."""
-        return self.at(np.arange(self.steps + 1.0))
+        return np.ascontiguousarray(self.at(np.arange(self.steps + 1.0)))
 
     @cached_property
     def to_nodes(self) -> Array:
         """The nodes of the spline of the same family through all controls, (n + 1, H + 1)."""
         through = Spline(self.steps, self.steps) if self.steps >= 2 else self
         return through.at(np.linspace(0.0, self.steps, self.knots + 1))
+
+    def controls(self, nodes: Array, centre: Array, half: Array) -> Array:
+        """Return controls of plans in their units, (N, H + 1, nu), clipped to their range, which a parabola may leave.
+
+        Args:
+            nodes: of plans, in halves of the range, (N, n + 1, nu).
+            centre: of the controls' range, (nu,).
+            half: of its width, (nu,).
+        """
+        library = _library()
+        if library is None:
+            return np.asarray(centre + half * np.clip(self.to_controls @ nodes, -1.0, 1.0))
+        count, nodes = len(nodes), np.ascontiguousarray(nodes)
+        controls = np.empty((count, self.steps + 1, nodes.shape[2]))
+        library.piaffe_controls(
+            _pointer(nodes), *map(ct.c_long, nodes.shape), _pointer(self.to_controls), ct.c_long(self.steps + 1),
+            _pointer(centre), _pointer(half), _pointer(controls),
+        )  # fmt: skip
+        return controls
 
     def at(self, steps: Array) -> Array:
         """Return the map from nodes to values at steps (S,), (S, n + 1); beyond the ends the last parabola goes on."""
@@ -45,3 +69,18 @@ class Spline:
         breaks = np.arange(1.5, self.knots - 1)
         truncated = np.maximum(s[:, None] - breaks, 0.0) ** 2
         return np.column_stack([np.ones_like(s), s, s**2, truncated])
+
+
+def _pointer(array: Array) -> ct.c_void_p:
+    return ct.c_void_p(array.ctypes.data)
+
+
+@lru_cache(maxsize=1)
+def _library() -> ct.CDLL | None:
+    text = files(__package__).joinpath("template", "spline.c").read_text(encoding="utf-8")
+    try:
+        loaded = load(build([("spline", text)], flags=SOLVER_FLAGS, label="controls of plans"))
+    except NoCompilerError:
+        return None
+    loaded.piaffe_controls.restype = None
+    return loaded

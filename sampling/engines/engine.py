@@ -54,7 +54,10 @@ class Simulated(Protocol):
 
 
 class Engine(ABC):
-    """Simulates many control sequences from one state, or from one state each; a context that closes it."""
+    """Simulates many control sequences from one state, or from one state each; a context that closes it.
+
+    An engine may simulate steps that all samples share once for all of them.
+    """
 
     @abstractmethod
     def rollout(self, x0: Array, controls: Array) -> Rollouts:
@@ -94,6 +97,18 @@ def shapes(name: str, x0: Any, controls: Any, nx: int, nu: int) -> tuple[Array, 
             f"{name}: initial state - got shape {x0.shape}, expected ({nx},), or ({n}, {nx}) for one per sample"
         )
     return x0, controls
+
+
+def shared_steps(controls: Array) -> int:
+    """Return how many of the first controls (n, S, nu) all samples share: less than S, and none if n is 1."""
+    n, steps = controls.shape[:2]
+    count = 0
+    while n > 1 and count < steps - 1:
+        first, second = controls[:2, count]
+        if not (np.array_equal(first, second) and np.all(controls[:, count] == first)):  # two tell most often
+            break
+        count += 1
+    return count
 
 
 def may_be_bad(states: Array, nq: int) -> NDArray[np.bool_]:

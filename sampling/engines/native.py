@@ -15,21 +15,35 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 
-from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes
+from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
+from .take import no_time, take
 
-CHUNKS_PER_THREAD = 10
+CHUNKS_PER_THREAD = 16  # so that 513 samples, or 1025, make two even shares
 
 
 @dataclass(frozen=True, slots=True)
 class _Buffers:
-    """Memory of one size of rollout; `simulated` is (time, x) after every step of the simulator."""
+    """Memory of one size of rollout, of whose S steps the first L are simulated once for all samples.
+
+    `simulated` is (time, x) after every step of the simulator.
+    """
 
     models: list[Any]
     initial: Array  # (n, 1 + nx)
-    held: Array | None  # (n, S · substeps, nu)
-    simulated: Array  # (n, S · substeps, 1 + nx)
+    warm: Array  # (n, nv)
+    held: Array | None  # (n, (S - L) · substeps, nu), unless it is `controls` as they are
+    simulated: Array  # (n, (S - L) · substeps, 1 + nx)
     sensors: Array
     states: Array  # (n, S + 1, nx)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lead:
+    """The L steps that all samples share, perhaps none, and what the next one begins with."""
+
+    states: Array  # x₁ … x_L, (L, nx)
+    end: Array  # time and state, (1 + nx,), or (n, 1 + nx) if samples start in states of their own
+    warm: Array  # the accelerations that the contact solver starts from, (nv,)
 
 
 class NativeEngine(Engine):
@@ -38,12 +52,15 @@ class NativeEngine(Engine):
     Memory is kept per size of rollout: a second call of the same size allocates nothing. The GIL is released while
     MuJoCo works. Equal calls give equal states, whatever ran before and however many threads there are.
 
+    Steps that all samples share, because they start in one state and their first controls are the same, are simulated
+    once; the states are those of simulating them for each, to the last bit.
+
     Args:
         model: what to simulate. A sample's control is held over the model's substeps.
         threads: number of threads, default one per available core; 0 works on the calling thread.
         warm_start: whether MuJoCo's contact solver starts from the last step's solution, as the model has it unless
             given. A rollout's first step never does.
-        chunk: samples that a thread takes at a time, default a tenth of its share.
+        chunk: samples that a thread takes at a time, default a sixteenth of its share.
     """
 
     def __init__(
@@ -60,7 +77,9 @@ class NativeEngine(Engine):
         self.nq, self.nv, self.nu = self._model.nq, self._model.nv, self._model.nu
         self._data = [mujoco.MjData(self._model) for _ in range(max(self.threads, 1))]
         self._pool: Any = Rollout(nthread=self.threads)
-        self._buffers: dict[tuple[int, int], _Buffers] = {}
+        self._alone = Rollout(nthread=0)  # works on the calling thread
+        no_time()  # compiled now, rather than in the first rollout
+        self._buffers: dict[tuple[int, int, int], _Buffers] = {}
 
     def rollout(self, x0: Array, controls: Array) -> Rollouts:
         """Simulate control sequences from a state, or from one state each.
@@ -82,27 +101,25 @@ class NativeEngine(Engine):
             )
         x0, controls = shapes("native engine", x0, controls, self.nq + self.nv, self.nu)
         n, steps = controls.shape[:2]
-        memory = self._memory(n, steps)
-        memory.initial[:, 1:] = x0
-        held = np.ascontiguousarray(controls)
-        if memory.held is not None:
-            memory.held.reshape(n, steps, self.substeps, self.nu)[:] = controls[:, :, None]
-            held = memory.held
         with quiet(self._mujoco):
+            lead = self._lead(x0, controls)
+            first = len(lead.states)
+            memory = self._memory(n, steps, first)
+            memory.initial[:], memory.warm[:] = lead.end, lead.warm
             self._pool.rollout(
                 memory.models,
                 self._data,
                 memory.initial,
-                held,
+                self._held(memory, controls, first),
                 skip_checks=True,
-                nstep=steps * self.substeps,
+                nstep=(steps - first) * self.substeps,
+                initial_warmstart=memory.warm,
                 state=memory.simulated,
                 sensordata=memory.sensors,
                 chunk_size=self._chunk or max(1, n // (CHUNKS_PER_THREAD * max(self.threads, 1))),
             )
-        memory.states[:, 0] = x0
-        memory.states[:, 1:] = memory.simulated[:, self.substeps - 1 :: self.substeps, 1:]
-        return Rollouts(memory.states, self._mend(memory, controls))
+        memory.states[:, 0], memory.states[:, 1 : first + 1] = x0, lead.states
+        return Rollouts(memory.states, self._mend(memory, controls, first))
 
     def close(self) -> None:
         """End the threads."""
@@ -111,29 +128,60 @@ class NativeEngine(Engine):
         self._pool = None
         self._buffers.clear()
 
-    def _memory(self, n: int, steps: int) -> _Buffers:
-        if (n, steps) not in self._buffers:
-            nx, total = self.nq + self.nv, steps * self.substeps
-            self._buffers[n, steps] = _Buffers(
+    def _lead(self, x0: Array, controls: Array) -> _Lead:
+        """Return the steps that all samples share, none if something is wrong in them: then each fails by itself."""
+        nx, dt = self.nq + self.nv, self._model.opt.timestep
+        start = np.zeros((*x0.shape[:-1], 1 + nx))
+        start[..., 1:] = x0
+        none = _Lead(np.empty((0, nx)), start, np.zeros(self.nv))
+        count = shared_steps(controls) if x0.ndim == 1 else 0
+        if not count:
+            return none
+        data, held = self._data[0], np.repeat(controls[:1, :count], self.substeps, axis=1)
+        path, sensors = (np.empty((1, held.shape[1], size)) for size in (1 + nx, self._model.nsensordata))
+        self._alone.rollout(
+            [self._model], [data], start[None], held, skip_checks=True, nstep=held.shape[1], state=path,
+            sensordata=sensors,
+        )  # fmt: skip
+        on_time = path[0, -1, 0] > (held.shape[1] - 0.5) * dt
+        if not on_time or data.warning.number.any() or may_be_bad(path[:, :, 1:], self.nq)[0]:
+            return none
+        return _Lead(path[0, self.substeps - 1 :: self.substeps, 1:], path[0, -1], data.qacc_warmstart.copy())
+
+    def _held(self, memory: _Buffers, controls: Array, first: int) -> Array:
+        """Return the control of every step of the simulator after the first that are shared."""
+        if memory.held is None:
+            return np.ascontiguousarray(controls)
+        n, steps = len(controls), controls.shape[1] - first
+        memory.held.reshape(n, steps, self.substeps, self.nu)[:] = controls[:, first:, None]
+        return memory.held
+
+    def _memory(self, n: int, steps: int, first: int) -> _Buffers:
+        if (n, steps, first) not in self._buffers:
+            nx, total = self.nq + self.nv, (steps - first) * self.substeps
+            self._buffers[n, steps, first] = _Buffers(
                 models=[self._model] * n,
                 initial=np.zeros((n, 1 + nx)),
-                held=np.empty((n, total, self.nu)) if self.substeps > 1 else None,
+                warm=np.empty((n, self.nv)),
+                held=np.empty((n, total, self.nu)) if first or self.substeps > 1 else None,
                 simulated=np.empty((n, total, 1 + nx)),
                 sensors=np.empty((n, total, self._model.nsensordata)),
                 states=np.empty((n, steps + 1, nx)),
             )
-        return self._buffers[n, steps]
+        return self._buffers[n, steps, first]
 
-    def _mend(self, memory: _Buffers, controls: Array) -> NDArray[np.bool_]:
-        """Return the failed samples, after letting them stand still."""
-        dt, time = self._model.opt.timestep, memory.simulated[:, :, 0]
+    def _mend(self, memory: _Buffers, controls: Array, first: int) -> NDArray[np.bool_]:
+        """Take over the states, let failed samples stand still, and return which failed."""
+        dt, times = self._model.opt.timestep, memory.simulated[:, :, 0]
         # MuJoCo's loop stops the clock of a sample at its first warning
-        suspects = may_be_bad(memory.states, self.nq) | ~(time[:, -1] > (time.shape[1] - 0.5) * dt)
+        due = (np.arange(1, times.shape[1] + 1) - 0.5 + first * self.substeps) * dt
+        suspects = take(memory.simulated, self.substeps, self.nq, float(due[-1]), memory.states[:, first + 1 :])
+        suspects |= may_be_bad(memory.states[:, :1], self.nq)
         suspects |= ~np.isfinite(np.einsum("nsi->n", controls))
         failed = np.zeros(len(controls), dtype=bool)
         if samples := np.flatnonzero(suspects).tolist():
-            due = (np.arange(1, time.shape[1] + 1) - 0.5) * dt
-            stopped = ~(time[samples] > due)[:, self.substeps - 1 :: self.substeps]
+            stopped = np.zeros((len(samples), controls.shape[1]), dtype=bool)
+            stopped[:, first:] = ~(times[samples] > due)[:, self.substeps - 1 :: self.substeps]
             stopped |= ~np.isfinite(controls[samples]).all(axis=2)
             failed[samples] = hold_last_good(memory.states, self.nq, samples, stopped)
         return failed
@@ -162,14 +210,23 @@ def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool | None) -> Any:
 
 @contextmanager
 def quiet(mujoco: Any) -> Iterator[None]:
-    """Keep MuJoCo from printing a line, and writing a log file, per diverged sample: the engine counts them."""
-    before = mujoco.get_mju_user_warning()
+    """Keep MuJoCo from what it does beside stepping.
+
+    It prints a line and writes a log file per diverged sample: the engine counts them. And it reads the clock thirty
+    times per step, for statistics that nobody sees: a tenth of a small robot's step. Handlers and clocks of others come
+    back.
+    """
+    warn, time, idle = mujoco.get_mju_user_warning(), mujoco.get_mjcb_time(), no_time()
     mujoco.set_mju_user_warning(_ignore)
+    if time is None and idle is not None:
+        mujoco.set_mjcb_time(idle)
     try:
         yield
     finally:
-        # of two rollouts at once the later began when this was ignored already
-        mujoco.set_mju_user_warning(None if before is _ignore else before)
+        # of two rollouts at once the later began when these were set already
+        mujoco.set_mju_user_warning(None if warn is _ignore else warn)
+        if time is None or time is idle:
+            mujoco.set_mjcb_time(None)  # MuJoCo's own
 
 
 def _ignore(message: str) -> None:

@@ -18,8 +18,8 @@ from piaffe.solvers.native.build import SOLVER_FLAGS
 
 from .network import EPSILON, Network, Single
 
-_BLOCK = 64  # rows, as in the C text
-_SHARE = 2 * _BLOCK  # rows at least per thread: handing them over takes time too
+_BLOCK = 48  # rows, as in the C text
+_SHARE = 128  # rows at least per thread: handing them over takes time too
 
 
 def compiled_network(network: Network, *, threads: int | None = None) -> Callable[[ArrayLike], Single]:

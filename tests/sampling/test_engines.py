@@ -4,9 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from piaffe import models
 from piaffe.errors import ModelError, SamplingError, ShapeError
-from piaffe.sampling.engines import NativeEngine, engine_for
-from piaffe.sampling.engines.engine import MAX_SPEED
+from piaffe.sampling.engines import NativeEngine, engine_for, take
+from piaffe.sampling.engines.engine import MAX_SPEED, shared_steps
 
 from . import solo
 
@@ -76,6 +77,61 @@ def test_a_second_rollout_of_the_same_size_allocates_nothing(engine):
     assert engine.rollout(solo.STANDING, solo.controls(5, 3)).states is not first
 
 
+def planned(substeps):
+    """A planner's simulation: few iterations of PGS from a warm start, so that a start forgotten would show."""
+    return models.Mujoco(models.load("solo12"), timestep=0.02 / substeps, substeps=substeps)
+
+
+@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize("shared", [1, 4])
+@pytest.mark.parametrize("threads", [0, 2])
+def test_steps_that_all_samples_share_are_those_of_each(threads, shared, substeps):
+    simulated, controls = planned(substeps), solo.controls(5, 6)
+    controls[:, :shared] = controls[0, :shared]
+    assert shared_steps(controls) == shared
+    start = simulated.state(joints="stand")
+    start[2] -= 0.004  # so that feet touch
+    with NativeEngine(simulated, threads=threads) as engine:
+        engine.rollout(start, solo.controls(5, 6, seed=1))
+        rollouts = engine.rollout(start, controls)
+        assert len(engine._lead(start, controls).states) == shared
+    assert rollouts.failures == 0
+    for states, control in zip(rollouts.states, controls, strict=True):
+        assert np.array_equal(states, by_hand(simulated.compiled(), start, control, substeps))
+
+
+def test_a_sample_alone_and_the_last_step_are_not_shared():
+    assert shared_steps(solo.controls(1, 6)) == 0
+    assert shared_steps(np.zeros((3, 6, 12))) == 5
+    assert shared_steps(np.zeros((3, 1, 12))) == 0
+    assert shared_steps(np.full((3, 6, 12), np.nan)) == 0
+
+
+def test_samples_that_start_elsewhere_share_no_step(engine):
+    controls, starts = solo.controls(3, 6), np.tile(solo.STANDING, (3, 1))
+    controls[:, 0], starts[1, 2] = controls[0, 0], 0.4
+    states = engine.rollout(starts, controls).states.copy()
+    for i in range(3):
+        assert np.array_equal(states[i], engine.rollout(starts[i], controls[i : i + 1]).states[0])
+
+
+def test_what_was_simulated_is_taken_over_alike_in_c_and_in_numpy(monkeypatch):
+    rng = np.random.default_rng(0)
+    simulated = rng.normal(size=(9, 6, 1 + 37))
+    simulated[:, :, 0] = 0.01 * np.arange(1, 7)
+    simulated[1, 3, 5], simulated[2, 3, 5], simulated[3, 5, 30] = np.nan, np.inf, -1.5 * MAX_SPEED
+    simulated[4, 4:, 0], simulated[5, 1, 25], simulated[6, 0, 30] = 0.04, np.nan, 1e9
+    results = []
+    for _ in range(2):
+        states = np.zeros((9, 4, 37))
+        results.append((take.take(simulated, 2, 19, 0.055, states[:, 1:]), states))
+        monkeypatch.setattr(take, "_library", lambda: None)
+    (suspects, states), (others, same) = results
+    assert suspects.tolist() == others.tolist() == [False, True, True, True, True, True, False, False, False]
+    assert np.array_equal(states, same, equal_nan=True)
+    assert np.array_equal(states[:, 1:], simulated[:, 1::2, 1:], equal_nan=True)
+
+
 def test_warm_start_changes_nothing_where_the_solver_converges():
     states = []
     for warm_start in (False, True):
@@ -125,6 +181,34 @@ def test_a_diverging_sample_stands_still_at_its_last_good_state(tmp_path, monkey
         assert (states[first:] == raw[first - 1]).all()
 
 
+@pytest.mark.parametrize("shared", [1, 39])
+def test_samples_that_diverge_after_shared_steps_or_in_them_stand_still_alike(shared):
+    simulated = solo.simulated()
+    model = simulated.compiled()
+    model.dof_armature[6:] = 0.0  # unstable, as above
+    model.actuator_biasprm[:, 2] = -20.0
+    model.actuator_forcelimited[:] = 0
+    controls = solo.controls(4, 40)
+    controls[:, :shared] = controls[0, :shared]
+    with NativeEngine(simulated) as engine:
+        together = engine.rollout(solo.STANDING, controls)
+        assert len(engine._lead(solo.STANDING, controls).states) == (1 if shared == 1 else 0)
+        assert together.failed.all()
+        for states, control in zip(together.states, controls, strict=True):
+            assert np.array_equal(states, engine.rollout(solo.STANDING, control[None]).states[0])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_a_shared_control_that_is_not_sound_fails_all(engine, value, capfd):
+    controls = solo.controls(4, 6)
+    controls[:, 0] = controls[0, 0]
+    controls[:, 0, 3] = value
+    rollouts = engine.rollout(solo.STANDING, controls)
+    assert rollouts.failed.all()
+    assert np.isfinite(rollouts.states).all()
+    assert capfd.readouterr() == ("", "")
+
+
 def test_divergence_leaves_no_log_file_and_no_message(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     start = solo.STANDING.copy()
@@ -150,6 +234,27 @@ def test_another_users_warnings_come_back_after_a_rollout():
     finally:
         mujoco.set_mju_user_warning(None)
     assert len(heard) == 1
+
+
+def test_mujocos_clock_rests_during_a_rollout_unless_it_is_the_users():
+    step = mujoco.mjtTimer.mjTIMER_STEP
+    model = solo.simulated().compiled()
+    data = mujoco.MjData(model)
+    with NativeEngine(solo.simulated(), threads=0) as engine:
+        engine.rollout(solo.STANDING, solo.controls(3, 4))
+        assert engine._data[0].timer[step].duration == 0.0
+        assert mujoco.get_mjcb_time() is None
+        mujoco.mj_step(model, data)
+        assert data.timer[step].duration > 0.0
+        asked = []
+        mujoco.set_mjcb_time(lambda: asked.append(1) or 0.0)
+        try:
+            users = mujoco.get_mjcb_time()
+            engine.rollout(solo.STANDING, solo.controls(3, 4))
+            assert asked
+            assert mujoco.get_mjcb_time() is users
+        finally:
+            mujoco.set_mjcb_time(None)
 
 
 def test_a_failure_does_not_reach_the_next_rollout(engine):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from piaffe.sampling import spline as module
 from piaffe.sampling.spline import Spline
 
 # Published weights of nodes 0 … 4 on controls 0 … 7 of 16; rows 9 to 16 mirror them.
@@ -44,3 +45,25 @@ def test_nodes_of_controls_invert_what_a_parabola_made():
     spline = Spline(4, 10)
     nodes = np.linspace(0, 10, 5) ** 2
     assert spline.to_nodes @ spline.to_controls @ nodes == pytest.approx(nodes, abs=1e-9)
+
+
+@pytest.mark.parametrize(("knots", "steps"), [(4, 8), (5, 20)])
+def test_controls_are_clipped_splines_in_units_in_c_and_in_numpy(knots, steps, monkeypatch):
+    rng = np.random.default_rng(0)
+    nodes, centre, half = rng.uniform(-1, 1, (7, knots + 1, 3)), rng.normal(size=3), rng.uniform(0.1, 1, 3)
+    spline = Spline(knots, steps)
+    raw = np.einsum("hj,njc->nhc", spline.to_controls, nodes)
+    assert np.abs(raw).max() > 1.0
+    controls = []
+    for _ in range(2):
+        controls.append(spline.controls(nodes, centre, half))
+        monkeypatch.setattr(module, "_library", lambda: None)
+    for each in controls:
+        assert each == pytest.approx(centre + half * np.clip(raw, -1.0, 1.0), abs=1e-14)
+
+
+def test_the_first_control_is_the_first_node_to_the_last_bit():
+    nodes = np.random.default_rng(0).uniform(-1, 1, (7, 5, 3))
+    nodes[:, 0] = nodes[0, 0]
+    controls = Spline(4, 8).controls(nodes, np.array([0.1, 0.2, 0.3]), np.full(3, 0.7))
+    assert (controls[:, 0] == controls[0, 0]).all()

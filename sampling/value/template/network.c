@@ -9,8 +9,16 @@
 
 #define LANES (2 * PIAFFE_W)
 #define TILE (2 * LANES)
-#define ROWS 8   /* that share what is loaded of a kernel */
-#define BLOCK 64 /* rows whose numbers stay in the cache; a multiple of ROWS */
+#define BLOCK 48 /* rows whose numbers stay in the cache; a multiple of ROWS */
+
+/* rows that share what is loaded of a kernel: as many as leave their sums in registers, of which there are 32 or 16 */
+#if defined(__AVX512F__) || defined(__aarch64__)
+#define ROWS 8
+#define EACH_ROW(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
+#else
+#define ROWS 6
+#define EACH_ROW(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5)
+#endif
 
 typedef float vec __attribute__((vector_size(4 * LANES), aligned(4)));
 typedef int whole __attribute__((vector_size(4 * LANES)));
@@ -53,8 +61,6 @@ static inline float sum(vec v)
         s += v[l];
     return s;
 }
-
-#define EACH_ROW(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
 
 /* ROWS rows times a tile, and what follows; sums of the outputs and of their squares are added to */
 static void tile(const float *x, int inputs, const float *kernel, const float *bias, const float *inverse, float *y,

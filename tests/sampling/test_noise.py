@@ -1,0 +1,15 @@
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from piaffe.sampling.noise import Noise
+
+
+def test_arrays_drawn_ahead_are_those_of_one_generator():
+    random = np.random.default_rng(3)
+    with ThreadPoolExecutor(1) as pool:
+        noise = Noise(3, (5, 4, 2), pool)
+        for _ in range(3):
+            drawn = noise()
+            assert np.array_equal(drawn, random.standard_normal((5, 4, 2)))
+            drawn[:] = 0.0  # it is the caller's
