@@ -19,7 +19,6 @@ from .robot import Robot
 from .terrain import Terrain
 from .tree import Inertials, Point
 
-
 _TINY = 1e-12  # a nose that points straight up has no heading
 
 

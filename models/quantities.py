@@ -34,10 +34,10 @@ feet = group(
     landing="",
     lifting="",
 )
-"""The feet. ``height`` is the gap between ball and terrain; ``reach`` how far a foot is ahead and to the left of the base's
-origin, in the axes of its heading; ``force`` acts on the robot, zero for feet in the air;
-``contact`` is 1 for feet on the ground, ``landing`` for feet that touch down at the phase's end,
-``lifting`` for feet at the first two nodes after they have left."""
+"""The feet. ``height`` is the gap between ball and terrain; ``reach`` how far a foot is ahead and to the left of the
+base's origin, in the axes of its heading; ``force`` acts on the robot, zero for feet in the air; ``contact`` is 1 for
+feet on the ground, ``landing`` for feet that touch down at the phase's end, ``lifting`` for feet at the first two nodes
+after they have left."""
 
 com = group("com", position=("m", "point"), velocity=("m/s", "direction"))
 """The centre of mass of the whole robot."""

@@ -45,8 +45,8 @@ class GaitReference(Reference):
         p = hip(t + T/2) − (h/g) a + k (v − v_ref)
 
     clamped to a box about the hip at touchdown that the leg can reach. Heights of base and feet are also targets of
-    ``base.height`` and ``feet.height``, and roll and pitch one of ``base.ground_normal``, relative to whatever terrain a
-    model stands on.
+    ``base.height`` and ``feet.height``, and roll and pitch of ``base.ground_normal``, above whatever terrain a model
+    stands on.
 
     Args:
         speed: forward velocity after the ramp [m/s].

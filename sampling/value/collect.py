@@ -48,9 +48,9 @@ class CollectOptions:
             nearer make the value good for shorter horizons too.
         explore: options of MPPI.
         follow: options of the controller that is followed; γ₀ and the largest discounts are what the value is made for.
-        alone: options of the controller that is followed in the first round, without a value; those of ``follow`` unless
-            given. What a violation costs it is a share of the rewards up to its horizon, not of all that come after:
-            the largest discounts that go with a value are too small for it.
+        alone: options of the controller that is followed in the first round, without a value; those of ``follow``
+            unless given. What a violation costs it is a share of the rewards up to its horizon, not of all that come
+            after: the largest discounts that go with a value are too small for it.
         seed: of everything drawn.
     """
 

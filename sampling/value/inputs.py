@@ -101,9 +101,9 @@ FEATURES = {
         Feature("position error", _position_error),
     )
 }
-"""The features that a value file may name. The normal of the ground below the feet and
-velocities are in body axes; heights are those above the terrain; yaw error is the cosine and sine of the yaw relative to the path's; position error is that on the ground, along
-and to the left of the path's heading."""
+"""The features that a value file may name. The normal of the ground below the feet and velocities are in body axes;
+heights are those above the terrain; yaw error is the cosine and sine of the yaw relative to the path's; position error
+is that on the ground, along and to the left of the path's heading."""
 
 STANDARD = tuple(name for name in FEATURES if name != "position error")
 

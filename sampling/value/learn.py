@@ -69,7 +69,10 @@ def learn(
     data = _on_device(train, mean, std)
     held_out = None if test is None else _on_device(test, mean, std)
     graph, state = _first(options, train.inputs.shape[1])
-    rates = {name: jnp.float32(getattr(options, name)) for name in ("discount", "learning_rate", "target_rate", "weight_decay")}
+    rates = {
+        name: jnp.float32(getattr(options, name))
+        for name in ("discount", "learning_rate", "target_rate", "weight_decay")
+    }
     curves: list[dict[str, float]] = []
     kept = None if checkpoints is None else Checkpoints(checkpoints, options, train)
     if kept is not None:

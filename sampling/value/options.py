@@ -18,8 +18,8 @@ class LearnOptions:
         updates: minibatches in all.
         batch: transitions per minibatch.
         learning_rate: of AdamW.
-        weight_decay: of AdamW, per step in units of the learning rate. A dataset of some 10 000 transitions is learnt by
-            heart without it.
+        weight_decay: of AdamW, per step in units of the learning rate. Some 10 000 transitions are learnt by heart
+            without it.
         target_rate: τ of the target network, θ' ← τ θ + (1 − τ) θ' after every minibatch. The paper's is 1e-3, with
             which the target needs about 1e5 minibatches.
         hidden: sizes of the hidden layers.

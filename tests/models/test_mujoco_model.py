@@ -17,9 +17,9 @@ ROBOT = models.load("solo12")
 BODY = models.WholeBody(ROBOT)
 PLANT = models.Mujoco(ROBOT)
 SHARED = [
-    base.position, base.orientation, base.linear_velocity, base.angular_velocity, base.height,
-    base.ground_normal, joints.position, joints.velocity, feet.position, feet.velocity, feet.height, feet.reach, feet.contact, feet.landing, feet.lifting, com.position,
-    com.velocity, momentum, frames["FL_KFE"].position, frames["HR_KFE"].velocity,
+    base.position, base.orientation, base.linear_velocity, base.angular_velocity, base.height, base.ground_normal,
+    joints.position, joints.velocity, feet.position, feet.velocity, feet.height, feet.reach, feet.contact, feet.landing,
+    feet.lifting, com.position, com.velocity, momentum, frames["FL_KFE"].position, frames["HR_KFE"].velocity,
 ]  # fmt: skip
 
 
