@@ -333,13 +333,15 @@ class Lowering:
         xuzp = {"x": x, "u": u, "z": z, "p": p}
         step = {"x_next": dynamics.next_state} if self.model.has_derivatives else {}
         return {
-            "stage": _make("stage", xuzp, {**step, **rows}),
-            "stage_w": _make("stage_w", {"p": p}, {"weight": weights[0], "g_mask": masks[0][0], "h_mask": masks[0][1]}),
-            "terminal": _make("terminal", {"x": x, "p": p}, end),
-            "terminal_w": _make(
+            "stage": make_function("stage", xuzp, {**step, **rows}),
+            "stage_w": make_function(
+                "stage_w", {"p": p}, {"weight": weights[0], "g_mask": masks[0][0], "h_mask": masks[0][1]}
+            ),
+            "terminal": make_function("terminal", {"x": x, "p": p}, end),
+            "terminal_w": make_function(
                 "terminal_w", {"p": p}, {"weight": weights[1], "g_mask": masks[1][0], "h_mask": masks[1][1]}
             ),
-            "outputs": _make("outputs", xuzp, {"outputs": outputs}),
+            "outputs": make_function("outputs", xuzp, {"outputs": outputs}),
         } | (self.derivatives(dynamics, rows, end, p) if self.model.has_derivatives else {})
 
     def derivatives(
@@ -355,24 +357,36 @@ class Lowering:
         end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
         names = ["residual", "g", "h"]
         return {
-            "implicit": _make("implicit", {"x": x, "u": u, "p": p}, {"K": K, "r0": r0}),
-            "stage_d": _make(
+            "implicit": make_derivatives("implicit", {"x": x, "u": u, "p": p}, {"K": K}, {"r0": r0}),
+            "stage_d": make_derivatives(
                 "stage_d",
                 {"x": x, "u": u, "z": z, "p": p, "xn": xn},
                 {"r_w": by_w[0]}
                 | dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
                 | dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True)),
             ),
-            "terminal_d": _make(
+            "terminal_d": make_derivatives(
                 "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
             ),
         }
 
 
-def _make(name: str, inputs: dict[str, cs.SX], outs: dict[str, cs.SX]) -> cs.Function:
-    """Return a function with dense outputs."""
-    values = [cs.densify(value) for value in outs.values()]
-    return cs.Function(name, list(inputs.values()), values, list(inputs), list(outs), {"cse": True})
+def make_function(name: str, inputs: dict[str, cs.SX], columns: dict[str, cs.SX]) -> cs.Function:
+    """Return a function whose outputs are dense columns."""
+    values = [cs.densify(value) for value in columns.values()]
+    return cs.Function(name, list(inputs.values()), values, list(inputs), list(columns), {"cse": True})
+
+
+def make_derivatives(
+    name: str, inputs: dict[str, cs.SX], matrices: dict[str, cs.SX], columns: dict[str, cs.SX] | None = None
+) -> cs.Function:
+    """Return a function whose outputs are matrices of structural nonzeros, mostly zeros otherwise, then dense columns.
+
+    Common subexpressions stay: to find the last twentieth of them takes longer than all the rest of the lowering.
+    """
+    outs = {k: cs.sparsify(value) for k, value in matrices.items()}
+    outs |= {k: cs.densify(value) for k, value in (columns or {}).items()}
+    return cs.Function(name, list(inputs.values()), list(outs.values()), list(inputs), list(outs))
 
 
 def _cannot(model: ModelBase, error: UnknownNameError) -> str:
