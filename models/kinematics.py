@@ -48,9 +48,24 @@ class Legs:
     tip: Array
 
     @cached_property
-    def _turns(self) -> Array:
-        """The cross-product matrices of the axes, zero for joints that slide, (m, k, 3, 3)."""
-        return self.revolute[..., None, None] * np.cross(np.eye(3), self.axis[..., None, :])
+    def _turns(self) -> tuple[Array, Array]:
+        """What sine and versine of the angles are multiplied by in Rodrigues' formula, (m, k, 3, 3) each.
+
+        They are R [a]× and R [a]×², with a zero for joints that slide.
+        """
+        cross = self.revolute[..., None, None] * np.cross(np.eye(3), self.axis[..., None, :])
+        return self.rotation @ cross, self.rotation @ cross @ cross
+
+    @cached_property
+    def _links(self) -> Array:
+        """In each joint's axes, as columns, its own and the origin of the next joint, in the end the foot, (m, k, 3, 2)."""
+        after = np.concatenate([self.offset[:, 1:], self.tip[:, None]], axis=1)
+        return np.stack([self.axis, after], axis=-1)
+
+    @cached_property
+    def _slides(self) -> bool:
+        """Whether some joint does not turn."""
+        return not np.all(self.revolute > 0)
 
     @cached_property
     def reach(self) -> Array:
@@ -64,26 +79,26 @@ class Legs:
         Args:
             angles: (S, m, k) [rad].
         """
+        once, twice = self._turns
         sine, versine = np.sin(angles)[..., None, None], 1 - np.cos(angles)[..., None, None]
-        turns = self._turns
-        local = self.rotation @ (np.eye(3) + sine * turns + versine * (turns @ turns))  # Rodrigues
-        slides = ((1 - self.revolute) * angles)[..., None] * self.axis
-        place = np.zeros((*angles.shape[:-1], 3))
-        turn = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
-        origins, axes = [], []
+        local = self.rotation + sine * once + versine * twice
+        origins, axes = np.empty((*angles.shape, 3)), np.empty((*angles.shape, 3))
+        place, turn = self.offset[:, 0], np.eye(3)
         for i in range(angles.shape[-1]):
-            place = place + _turn(turn, self.offset[:, i])
             turn = turn @ local[..., i, :, :]
-            place = place + _turn(turn, slides[..., i, :])
-            origins.append(place)
-            axes.append(_turn(turn, self.axis[:, i]))
-        return place + _turn(turn, self.tip), np.stack(origins, axis=-2), np.stack(axes, axis=-2)
+            columns = turn @ self._links[:, i]
+            if self._slides:
+                place = place + ((1 - self.revolute[:, i]) * angles[..., i])[..., None] * columns[..., 0]
+            origins[..., i, :], axes[..., i, :] = place, columns[..., 0]
+            place = place + columns[..., 1]
+        return place, origins, axes
 
     def forward(self, angles: Array) -> tuple[Array, Array]:
         """Return feet in base axes, (S, m, 3) [m], and their derivatives by the legs' angles, (S, m, 3, k)."""
         feet, origins, axes = self.walk(angles)
-        revolute = self.revolute[..., None]
-        columns = revolute * np.cross(axes, feet[..., None, :] - origins) + (1 - revolute) * axes
+        columns = _cross(axes, feet[..., None, :] - origins)
+        if self._slides:
+            columns = np.where(self.revolute[..., None] > 0, columns, axes)
         return feet, np.swapaxes(columns, -1, -2)
 
 
@@ -125,7 +140,9 @@ class Kinematics:
         turn = rotation.np_matrix(base_orientation)[..., None, :, :]
         return base_position[..., None, :] + _turn(turn, self.feet(joints))
 
-    def inverse(self, feet: Array, start: object = "stand") -> tuple[Array, Array]:
+    def inverse(
+        self, feet: Array, start: object = "stand", tolerance: float = _TOLERANCE
+    ) -> tuple[Array, Array]:
         """Return joint angles that put the feet at places in base axes, and by how much they miss.
 
         Damped least squares from ``start``, kept within the joint limits; a place out of reach gives the nearest found.
@@ -134,6 +151,7 @@ class Kinematics:
         Args:
             feet: places in base axes, (S, nf, 3) [m].
             start: a pose to start from, which decides to which side knees bend, or angles (S, n) [rad].
+            tolerance: a miss that is as good as none [m].
 
         Returns:
             Joint angles (S, n) [rad] and distances from the wanted places (S, nf) [m].
@@ -143,17 +161,22 @@ class Kinematics:
         joints: Array = np.array(np.broadcast_to(first, (*feet.shape[:-2], self.robot.num_joints)))
         misses = np.zeros(feet.shape[:-1])
         for legs in self.groups:
-            angles, miss = self._inverse(legs, feet[..., legs.feet, :], joints[..., legs.joints])
+            angles, miss = self._inverse(legs, feet[..., legs.feet, :], joints[..., legs.joints], tolerance)
             joints[..., legs.joints] = angles
             misses[..., legs.feet] = miss
         return joints, misses
 
     def world_inverse(
-        self, base_position: Array, base_orientation: Array, feet: Array, start: object = "stand"
+        self,
+        base_position: Array,
+        base_orientation: Array,
+        feet: Array,
+        start: object = "stand",
+        tolerance: float = _TOLERANCE,
     ) -> tuple[Array, Array]:
         """Return :meth:`inverse` for places in the world, (S, nf, 3) [m], and a base pose."""
         turn = np.swapaxes(rotation.np_matrix(base_orientation), -1, -2)[..., None, :, :]
-        return self.inverse(_turn(turn, feet - base_position[..., None, :]), start)
+        return self.inverse(_turn(turn, feet - base_position[..., None, :]), start, tolerance)
 
     def joint_velocities(self, joints: Array, feet_velocity: Array) -> Array:
         """Return the joint velocities, (S, n) [rad/s], that move the feet at velocities relative to the base.
@@ -204,13 +227,13 @@ class Kinematics:
             joints[legs.joints] = angles[np.argmin(cost, axis=0), np.arange(len(legs.feet))]
         return joints
 
-    def _inverse(self, legs: Legs, target: Array, angles: Array) -> tuple[Array, Array]:
+    def _inverse(self, legs: Legs, target: Array, angles: Array, tolerance: float) -> tuple[Array, Array]:
         lower, upper = self.robot.joint_lower[legs.joints], self.robot.joint_upper[legs.joints]
         for _ in range(_ITERATIONS):
             feet, jacobian = legs.forward(angles)
             error = target - feet
             squared = np.sum(error**2, axis=-1)
-            if np.all(squared < _TOLERANCE**2):
+            if np.all(squared < tolerance**2):
                 break
             angles = np.clip(angles + _least(jacobian, error, 0.5 * squared + _FLOOR), lower, upper)
         return angles, np.linalg.norm(target - legs.walk(angles)[0], axis=-1)
@@ -226,6 +249,12 @@ def _least(jacobian: Array, rate: Array, damping: Array | float) -> Array:
 def _turn(matrix: Array, vectors: Array) -> Array:
     """Return matrices times vectors, (..., 3, 3) and (..., 3) → (..., 3)."""
     return np.asarray((matrix @ vectors[..., None])[..., 0])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a × b, (..., 3); NumPy's own takes four times as long."""
+    (ax, ay, az), (bx, by, bz) = ([v[..., i] for i in range(3)] for v in (a, b))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def _groups(robot: Robot) -> tuple[Legs, ...]:

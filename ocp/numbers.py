@@ -25,11 +25,22 @@ Term = Cost | Constraint
 
 
 @dataclass(frozen=True, eq=False)
+class _Slot:
+    """A term's place in ``p``: its number, what scales it (weight or active), its target, names of its components."""
+
+    k: int
+    term: Term
+    factor: slice
+    target: slice | None
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class _OfMode:
-    """What the nodes of a mode share: numbers, (np,), and the names of the components of each cost."""
+    """What the nodes of a mode share: numbers, (np,), and where those are that depend on the phase."""
 
     p: Array
-    labels: Mapping[int, tuple[str, ...]]
+    slots: tuple[_Slot, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,31 +164,37 @@ class Numbers:
                 _put(p, mode.layout, self._bounds(mode, k, term))
             elif (part := mode.layout.slices.get(f"term{k}.target")) is not None:
                 p[part.start] = 1.0  # of a rotation the identity
-        return _OfMode(p, {k: tuple(each) for k, each in labels.items()})
+        slices = mode.layout.slices
+        slots = (
+            _Slot(
+                k, term, slices[f"term{k}.{'active' if isinstance(term, Constraint) else 'weight'}"],
+                slices.get(f"term{k}.target"), tuple(labels[k]),
+            )
+            for k, term in ((k, self.terms[k]) for k in mode.bound)
+        )  # fmt: skip
+        return _OfMode(p, tuple(slots))
 
     def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> tuple[Array, list[_Tracked]]:
         """Return what the nodes of a phase share, and which targets are still to be filled in."""
         if mode not in self._modes:
             self._modes[mode] = self._of_mode(mode)
-        shared, slices = self._modes[mode], mode.layout.slices
+        shared = self._modes[mode]
         p, tracked = shared.p.copy(), []
-        for k in mode.bound:
-            term, labels = self.terms[k], shared.labels[k]
-            applies = self.scopes[k] in (None, phase) and term.applies(phase.name) and term.at in here
+        for slot in shared.slots:
+            k, term = slot.k, slot.term
+            applies = self.scopes[k] in (None, phase) and term.at in here and term.applies(phase.name)
             if applies:
                 self.applied.add(k)
             if isinstance(term, Constraint):
-                p[slices[f"term{k}.active"]] = applies
-                continue
-            if (mode, k, phase.name) not in self._weights:
-                self._weights[mode, k, phase.name] = term.weights(phase.name, labels)
-            p[slices[f"term{k}.weight"]] = applies * self._weights[mode, k, phase.name]
-            part = slices.get(f"term{k}.target")
-            if part is not None and applies:
-                if term.target is None:
-                    tracked.append(_Tracked(term, part, labels))
-                else:
-                    p[part] = _fixed(term, part.stop - part.start, labels)
+                p[slot.factor] = applies
+            elif applies:
+                if (mode, k, phase.name) not in self._weights:
+                    self._weights[mode, k, phase.name] = term.weights(phase.name, slot.labels)
+                p[slot.factor] = self._weights[mode, k, phase.name]
+                if slot.target is not None and term.target is None:
+                    tracked.append(_Tracked(term, slot.target, slot.labels))
+                elif slot.target is not None:
+                    p[slot.target] = _fixed(term, slot.target.stop - slot.target.start, slot.labels)
         return p, tracked
 
     def _bounds(self, mode: LoweredMode, k: int, term: Constraint) -> dict[str, Array]:
