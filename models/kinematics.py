@@ -140,9 +140,7 @@ class Kinematics:
         turn = rotation.np_matrix(base_orientation)[..., None, :, :]
         return base_position[..., None, :] + _turn(turn, self.feet(joints))
 
-    def inverse(
-        self, feet: Array, start: object = "stand", tolerance: float = _TOLERANCE
-    ) -> tuple[Array, Array]:
+    def inverse(self, feet: Array, start: object = "stand", tolerance: float = _TOLERANCE) -> tuple[Array, Array]:
         """Return joint angles that put the feet at places in base axes, and by how much they miss.
 
         Damped least squares from ``start``, kept within the joint limits; a place out of reach gives the nearest found.

@@ -162,11 +162,11 @@ class Guess:
 
     @cached_property
     def stage_d(self) -> Mapping[str, Array]:
-        """Derivatives of the stages; empty for a model that has none."""
+        """Derivatives of the stages that may be infinite where values are finite; empty for a model that has none."""
         if not self.has_derivatives:
             return {}
         after = np.concatenate([phase.guess_states[1:] for phase in self.phases])
-        return _Values(self.mode.functions["stage_d"], self.x, self.u, self.z, self.p, after)
+        return _Values(self.mode.functions["guess_d"], self.x, self.u, self.z, self.p, after)
 
     @cached_property
     def terminal(self) -> Mapping[str, Array]:

@@ -7,6 +7,7 @@ implicit       (x, u, p)         → K, r0                     the implicit part
 stage          (x, u, z, p)      → x_next, residual, g, h    one stage; rows of running terms
 stage_d        (x, u, z, p, xn)  → r_w, and d, residual, g,
                                    h by w and by z
+guess_d        as stage_d        → the same but for what is finite wherever x, u and z are, which is zero
 stage_w        (p)               → weight, g_mask, h_mask    numbers per row; a masked row counts for nothing
 terminal       (x, p)            → residual, g, h            the last node of a phase
 terminal_d     (x, p)            → residual_x, g_x, h_x
@@ -356,19 +357,31 @@ class Lowering:
         by_w, by_z = tangent_jacobians(groups, state, x, dx, u, z)
         end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
         names = ["residual", "g", "h"]
+        stage = {"x": x, "u": u, "z": z, "p": p, "xn": xn}
+        others = dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
+        others |= dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True))
+        by_u = cs.horzcat(cs.SX(z.numel(), state.ndx), by_w[0][:, state.ndx :])
+        is_smooth = _is_smooth(cs.Function("implicit", [x, u, z, p], [dynamics.implicit]))
         return {
             "implicit": make_derivatives("implicit", {"x": x, "u": u, "p": p}, {"K": K}, {"r0": r0}),
-            "stage_d": make_derivatives(
-                "stage_d",
-                {"x": x, "u": u, "z": z, "p": p, "xn": xn},
-                {"r_w": by_w[0]}
-                | dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
-                | dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True)),
-            ),
+            "stage_d": make_derivatives("stage_d", stage, {"r_w": by_w[0], **others}),
+            "guess_d": make_derivatives("guess_d", stage, {"r_w": by_u if is_smooth else by_w[0], **others}),
             "terminal_d": make_derivatives(
                 "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
             ),
         }
+
+
+_SMOOTH = frozenset(
+    getattr(cs, f"OP_{name}")
+    for name in "ASSIGN ADD SUB MUL DIV NEG SQ TWICE INV SIN COS EXP CONST INPUT OUTPUT".split()
+)
+"""Operations whose derivatives are finite wherever they are themselves."""
+
+
+def _is_smooth(function: cs.Function) -> bool:
+    """Return whether a function's derivatives are finite wherever its values are."""
+    return all(function.instruction_id(k) in _SMOOTH for k in range(function.n_instructions()))
 
 
 def make_function(name: str, inputs: dict[str, cs.SX], columns: dict[str, cs.SX]) -> cs.Function:
