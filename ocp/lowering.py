@@ -372,10 +372,10 @@ class Lowering:
         }
 
 
-_SMOOTH = frozenset(
-    getattr(cs, f"OP_{name}")
-    for name in "ASSIGN ADD SUB MUL DIV NEG SQ TWICE INV SIN COS EXP CONST INPUT OUTPUT".split()
-)
+_SMOOTH = {
+    cs.OP_INPUT, cs.OP_CONST, cs.OP_OUTPUT, cs.OP_ASSIGN, cs.OP_ADD, cs.OP_SUB, cs.OP_MUL, cs.OP_DIV, cs.OP_NEG,
+    cs.OP_SQ, cs.OP_TWICE, cs.OP_INV, cs.OP_SIN, cs.OP_COS, cs.OP_EXP,
+}  # fmt: skip
 """Operations whose derivatives are finite wherever they are themselves."""
 
 

@@ -51,12 +51,12 @@ def origin(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...])
     for mode in modes:
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]
         rows = [(name, len(rows)) for name, rows in mode.rows.items()]
-        sizes = (spaces, mode.nu, mode.nz, mode.layout.size, rows, mode.model.definite_size(mode.key))
-        parts += ["mode", repr(sizes), *_written(mode.functions, MODE_FUNCTIONS)]
+        sizes = repr((spaces, mode.nu, mode.nz, mode.layout.size, rows, mode.model.definite_size(mode.key)))
+        parts += ["mode", sizes, *_written(mode.functions, MODE_FUNCTIONS)]
     for link in links:
         definite = link.source.definite_size(link.key) if link.nz else 0
-        sizes = (link.source.state.ndx, link.target.state.ndx, link.nz, link.layout.size, definite)
-        parts += ["link", repr(sizes), *_written(link.functions, LINK_FUNCTIONS)]
+        sizes = repr((link.source.state.ndx, link.target.state.ndx, link.nz, link.layout.size, definite))
+        parts += ["link", sizes, *_written(link.functions, LINK_FUNCTIONS)]
     return parts
 
 
