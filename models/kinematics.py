@@ -48,9 +48,14 @@ class Legs:
     tip: Array
 
     @cached_property
-    def _turns(self) -> Array:
-        """The cross-product matrices of the axes, zero for joints that slide, (m, k, 3, 3)."""
-        return self.revolute[..., None, None] * np.cross(np.eye(3), self.axis[..., None, :])
+    def _lanes(self) -> _Lanes:
+        """The same numbers, legs last, (..., m, 1)."""
+        cross = self.revolute[..., None, None] * np.cross(np.eye(3), self.axis[..., None, :])
+        once = self.rotation @ cross
+        return _Lanes(*(
+            np.moveaxis(array, 0, -1)[..., None]
+            for array in (self.rotation, once, once @ cross, self.offset, self.axis, self.revolute, self.tip)
+        ))  # fmt: skip
 
     @cached_property
     def reach(self) -> Array:
@@ -64,27 +69,96 @@ class Legs:
         Args:
             angles: (S, m, k) [rad].
         """
-        sine, versine = np.sin(angles)[..., None, None], 1 - np.cos(angles)[..., None, None]
-        turns = self._turns
-        local = self.rotation @ (np.eye(3) + sine * turns + versine * (turns @ turns))  # Rodrigues
-        slides = ((1 - self.revolute) * angles)[..., None] * self.axis
-        place = np.zeros((*angles.shape[:-1], 3))
-        turn = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
-        origins, axes = [], []
-        for i in range(angles.shape[-1]):
-            place = place + _turn(turn, self.offset[:, i])
-            turn = turn @ local[..., i, :, :]
-            place = place + _turn(turn, slides[..., i, :])
-            origins.append(place)
-            axes.append(_turn(turn, self.axis[:, i]))
-        return place + _turn(turn, self.tip), np.stack(origins, axis=-2), np.stack(axes, axis=-2)
+        feet, origins, axes = self._lanes.walk(_to_lanes(angles))
+        before = angles.shape[:-2]
+        return _from_lanes(feet, before), _from_lanes(origins, before), _from_lanes(axes, before)
 
     def forward(self, angles: Array) -> tuple[Array, Array]:
         """Return feet in base axes, (S, m, 3) [m], and their derivatives by the legs' angles, (S, m, 3, k)."""
+        feet, jacobian = self._lanes.forward(_to_lanes(angles))
+        return _from_lanes(feet, angles.shape[:-2]), _from_lanes(jacobian, angles.shape[:-2])
+
+    def inverse(
+        self, target: Array, angles: Array, bounds: tuple[Array, Array], tolerance: float
+    ) -> tuple[Array, Array]:
+        """Return angles, (S, m, k) [rad], that put the feet at places, and by how much these are missed, (S, m) [m].
+
+        Args:
+            target: places in base axes, (S, m, 3) [m].
+            angles: where to start, (S, m, k) [rad].
+            bounds: smallest and largest angles, (m, k) [rad].
+            tolerance: a miss that is as good as none [m].
+        """
+        before, lanes = angles.shape[:-2], self._lanes
+        wanted, now = _to_lanes(target), _to_lanes(angles)
+        lower, upper = (np.moveaxis(bound, 0, -1)[..., None] for bound in bounds)
+        for _ in range(_ITERATIONS):
+            feet, jacobian = lanes.forward(now)
+            error = wanted - feet
+            squared = np.sum(error**2, axis=0)
+            if np.all(squared < tolerance**2):
+                break
+            now = np.clip(now + _least(jacobian, error, 0.5 * squared + _FLOOR), lower, upper)
+        miss = np.sqrt(np.sum((wanted - lanes.walk(now)[0]) ** 2, axis=0))
+        return _from_lanes(now, before), _from_lanes(miss, before)
+
+    def rates(self, angles: Array, velocity: Array) -> Array:
+        """Return the rates of the angles that move the feet at velocities, (S, m, k) [rad/s].
+
+        Args:
+            angles: (S, m, k) [rad].
+            velocity: of the feet in base axes, (S, m, 3) [m/s].
+        """
+        _, jacobian = self._lanes.forward(_to_lanes(angles))
+        return _from_lanes(_least(jacobian, _to_lanes(velocity), np.array(1e-9)), angles.shape[:-2])
+
+
+@dataclass(frozen=True, eq=False)
+class _Lanes:
+    """Legs for arithmetic on many samples at once: components first, then legs, samples last, as long rows are fast.
+
+    Args:
+        rotation, once, twice: what 1, sine and 1 − cosine of the angles are multiplied by in Rodrigues' formula: R,
+            R [a]×, R [a]×², the latter two zero for joints that slide, (k, 3, 3, m, 1).
+        offset, axis: (k, 3, m, 1). revolute: (k, m, 1). tip: (3, m, 1). As in :class:`Legs`.
+    """
+
+    rotation: Array
+    once: Array
+    twice: Array
+    offset: Array
+    axis: Array
+    revolute: Array
+    tip: Array
+
+    @cached_property
+    def slides(self) -> bool:
+        """Whether some joint does not turn."""
+        return not np.all(self.revolute > 0)
+
+    def walk(self, angles: Array) -> tuple[Array, Array, Array]:
+        """Return feet, (3, m, S), joint origins, (k, 3, m, S), and joint axes, (k, 3, m, S), for angles (k, m, S)."""
+        sine, versine = np.sin(angles)[:, None, None], 1 - np.cos(angles)[:, None, None]
+        local = self.rotation + sine * self.once + versine * self.twice
+        origins, axes = (np.empty((len(angles), 3, *angles.shape[1:])) for _ in range(2))
+        place, turn = self.offset[0], local[0]
+        for i in range(len(angles)):
+            if i > 0:
+                place, turn = place + _product(turn, self.offset[i]), _product(turn, local[i])
+            axes[i] = _product(turn, self.axis[i])
+            if self.slides:
+                place = place + (1 - self.revolute[i]) * angles[i] * axes[i]
+            origins[i] = place
+        return place + _product(turn, self.tip), origins, axes
+
+    def forward(self, angles: Array) -> tuple[Array, Array]:
+        """Return feet, (3, m, S), and their derivatives by the angles, (3, k, m, S)."""
         feet, origins, axes = self.walk(angles)
-        revolute = self.revolute[..., None]
-        columns = revolute * np.cross(axes, feet[..., None, :] - origins) + (1 - revolute) * axes
-        return feet, np.swapaxes(columns, -1, -2)
+        (ax, ay, az), (bx, by, bz) = np.moveaxis(axes, 1, 0), np.moveaxis(feet - origins, 1, 0)
+        columns = np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+        if self.slides:
+            columns = np.where(self.revolute > 0, columns, np.moveaxis(axes, 1, 0))
+        return feet, columns
 
 
 class Kinematics:
@@ -125,7 +199,7 @@ class Kinematics:
         turn = rotation.np_matrix(base_orientation)[..., None, :, :]
         return base_position[..., None, :] + _turn(turn, self.feet(joints))
 
-    def inverse(self, feet: Array, start: object = "stand") -> tuple[Array, Array]:
+    def inverse(self, feet: Array, start: object = "stand", tolerance: float = _TOLERANCE) -> tuple[Array, Array]:
         """Return joint angles that put the feet at places in base axes, and by how much they miss.
 
         Damped least squares from ``start``, kept within the joint limits; a place out of reach gives the nearest found.
@@ -134,6 +208,7 @@ class Kinematics:
         Args:
             feet: places in base axes, (S, nf, 3) [m].
             start: a pose to start from, which decides to which side knees bend, or angles (S, n) [rad].
+            tolerance: a miss that is as good as none [m].
 
         Returns:
             Joint angles (S, n) [rad] and distances from the wanted places (S, nf) [m].
@@ -143,17 +218,23 @@ class Kinematics:
         joints: Array = np.array(np.broadcast_to(first, (*feet.shape[:-2], self.robot.num_joints)))
         misses = np.zeros(feet.shape[:-1])
         for legs in self.groups:
-            angles, miss = self._inverse(legs, feet[..., legs.feet, :], joints[..., legs.joints])
+            bounds = self.robot.joint_lower[legs.joints], self.robot.joint_upper[legs.joints]
+            angles, miss = legs.inverse(feet[..., legs.feet, :], joints[..., legs.joints], bounds, tolerance)
             joints[..., legs.joints] = angles
             misses[..., legs.feet] = miss
         return joints, misses
 
     def world_inverse(
-        self, base_position: Array, base_orientation: Array, feet: Array, start: object = "stand"
+        self,
+        base_position: Array,
+        base_orientation: Array,
+        feet: Array,
+        start: object = "stand",
+        tolerance: float = _TOLERANCE,
     ) -> tuple[Array, Array]:
         """Return :meth:`inverse` for places in the world, (S, nf, 3) [m], and a base pose."""
         turn = np.swapaxes(rotation.np_matrix(base_orientation), -1, -2)[..., None, :, :]
-        return self.inverse(_turn(turn, feet - base_position[..., None, :]), start)
+        return self.inverse(_turn(turn, feet - base_position[..., None, :]), start, tolerance)
 
     def joint_velocities(self, joints: Array, feet_velocity: Array) -> Array:
         """Return the joint velocities, (S, n) [rad/s], that move the feet at velocities relative to the base.
@@ -164,8 +245,7 @@ class Kinematics:
         """
         velocities = np.zeros_like(joints)
         for legs in self.groups:
-            jacobian = legs.forward(joints[..., legs.joints])[1]
-            velocities[..., legs.joints] = _least(jacobian, feet_velocity[..., legs.feet, :], 1e-9)
+            velocities[..., legs.joints] = legs.rates(joints[..., legs.joints], feet_velocity[..., legs.feet, :])
         return velocities
 
     @cached_property
@@ -204,23 +284,39 @@ class Kinematics:
             joints[legs.joints] = angles[np.argmin(cost, axis=0), np.arange(len(legs.feet))]
         return joints
 
-    def _inverse(self, legs: Legs, target: Array, angles: Array) -> tuple[Array, Array]:
-        lower, upper = self.robot.joint_lower[legs.joints], self.robot.joint_upper[legs.joints]
-        for _ in range(_ITERATIONS):
-            feet, jacobian = legs.forward(angles)
-            error = target - feet
-            squared = np.sum(error**2, axis=-1)
-            if np.all(squared < _TOLERANCE**2):
-                break
-            angles = np.clip(angles + _least(jacobian, error, 0.5 * squared + _FLOOR), lower, upper)
-        return angles, np.linalg.norm(target - legs.walk(angles)[0], axis=-1)
+
+def _least(jacobian: Array, rate: Array, damping: Array) -> Array:
+    """Return Jᵀ (J Jᵀ + λ I)⁻¹ r, (k, m, S), for J (3, k, m, S) and r (3, m, S), by cofactors."""
+    x, y, z = jacobian
+    xx, yy, zz = (np.sum(row * row, axis=0) + damping for row in (x, y, z))
+    xy, xz, yz = np.sum(x * y, axis=0), np.sum(x * z, axis=0), np.sum(y * z, axis=0)
+    c_xx, c_yy, c_zz = yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2
+    c_xy, c_xz, c_yz = xz * yz - xy * zz, xy * yz - xz * yy, xy * xz - xx * yz
+    r = rate / (xx * c_xx + xy * c_xy + xz * c_xz)
+    return np.asarray(
+        x * (c_xx * r[0] + c_xy * r[1] + c_xz * r[2])
+        + y * (c_xy * r[0] + c_yy * r[1] + c_yz * r[2])
+        + z * (c_xz * r[0] + c_yz * r[1] + c_zz * r[2])
+    )
 
 
-def _least(jacobian: Array, rate: Array, damping: Array | float) -> Array:
-    """Return Jᵀ (J Jᵀ + λ I)⁻¹ r, (..., k), for J (..., 3, k) and r (..., 3)."""
-    transposed = np.swapaxes(jacobian, -1, -2)
-    normal = jacobian @ transposed + np.asarray(damping)[..., None, None] * np.eye(3)
-    return np.asarray((transposed @ np.linalg.solve(normal, rate[..., None]))[..., 0])
+def _product(a: Array, b: Array) -> Array:
+    """Return matrices (3, 3, m, S) times columns (3, m, S) or matrices (3, 3, m, S)."""
+    if b.ndim == a.ndim:
+        a = a[:, :, None]
+    return np.asarray(a[:, 0] * b[0] + a[:, 1] * b[1] + a[:, 2] * b[2])
+
+
+def _to_lanes(array: Array) -> Array:
+    """Return (S, m, n), any S, as (n, m, S), S flat."""
+    flat = array.reshape(-1, *array.shape[-2:])
+    return np.ascontiguousarray(np.moveaxis(flat, (0, 1), (-1, -2)))
+
+
+def _from_lanes(array: Array, before: tuple[int, ...]) -> Array:
+    """Return (..., m, S), S flat, as (S, m, ...)."""
+    back = np.moveaxis(array, (-1, -2), (0, 1))
+    return back.reshape(*before, *back.shape[1:])
 
 
 def _turn(matrix: Array, vectors: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
+from functools import cached_property
 from typing import Any
 
 import casadi as cs
@@ -16,6 +17,7 @@ from piaffe.ocp.model import ModelBase, Node, Notice, Sample, Slot
 from piaffe.ocp.path import Path
 from piaffe.ocp.quantity import Quantity
 
+from .kinematics import Kinematics
 from .notices import keyframe_notices
 from .postures import XYZ, RobotState, translate
 from .quantities import base
@@ -80,6 +82,11 @@ class LeggedModel(ModelBase):
         """Number of feet nf."""
         return len(self.robot.feet)
 
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """The robot's legs, in numbers."""
+        return Kinematics(self.robot)
+
     # ---- modes
 
     def mode_key(self, mode: Hashable) -> str:
@@ -100,8 +107,12 @@ class LeggedModel(ModelBase):
 
     def flags(self, mode: Hashable) -> Array:
         """Return 1 for each foot of a contact set and 0 for the others, (nf,)."""
-        names = self.resolve(mode).feet
-        return np.array([float(foot.name in names) for foot in self.robot.feet])
+        return self._standing(self.resolve(mode))
+
+    def _standing(self, resolved: Hashable) -> Array:
+        """Return the flags of a contact set that has been resolved."""
+        assert isinstance(resolved, Stance)
+        return np.array([float(foot.name in resolved.feet) for foot in self.robot.feet])
 
     def node_parameters(self, node: Node) -> dict[str, Array]:
         """Return the contact flags of a node, which feet land at the phase's end, and which have only just left.
@@ -109,11 +120,11 @@ class LeggedModel(ModelBase):
         A foot has just left at the first two nodes after a stance: its place there follows from the stance's last
         state alone (position and, one explicit step later, velocity), whatever the swing does.
         """
-        contact = self.flags(node.mode)
+        contact = self._standing(node.mode)
         fresh = node.previous_mode is not None and node.steps <= 1
-        lifting = np.maximum(self.flags(node.previous_mode) - contact, 0.0) if fresh else np.zeros(self.num_feet)
+        lifting = np.maximum(self._standing(node.previous_mode) - contact, 0.0) if fresh else np.zeros(self.num_feet)
         ends = node.next_mode is not None
-        landing = np.maximum(self.flags(node.next_mode) - contact, 0.0) if ends else np.zeros(self.num_feet)
+        landing = np.maximum(self._standing(node.next_mode) - contact, 0.0) if ends else np.zeros(self.num_feet)
         return {"contact": contact, "landing": landing, "lifting": lifting}
 
     def lands(self, node: Node) -> bool:

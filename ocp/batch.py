@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import casadi as cs
@@ -11,33 +13,35 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_BLOCK = 8  # nodes per call of CasADi; a map of every number of nodes would take longer to make than to evaluate
+
 
 class Batch:
-    """A CasADi function mapped over n nodes, with buffers kept per n.
+    """A CasADi function evaluated over n nodes.
 
     Outputs named ``K`` or ending in ``_w``, ``_z``, ``_x`` are matrices, (n, rows, cols); all others are columns,
     (n, rows).
 
     Args:
-        function: a function of dense columns and dense outputs.
+        function: a function of dense columns.
     """
 
     def __init__(self, function: cs.Function) -> None:
         self.function = function
         self._inputs = [function.size1_in(i) for i in range(function.n_in())]
-        self._outputs = [function.size_out(i) for i in range(function.n_out())]
-        names = [function.name_out(i) for i in range(function.n_out())]
-        self._is_matrix = [name == "K" or name[-2:] in ("_w", "_z", "_x") for name in names]
-        self._maps: dict[int, tuple[Any, Any]] = {}
+        self.names = [function.name_out(i) for i in range(function.n_out())]
+        self._outputs = {name: _Output(name, function.sparsity_out(i)) for i, name in enumerate(self.names)}
+        self._calls: dict[int, tuple[Any, Any]] = {}
 
     def __call__(self, *arguments: Array) -> list[Array]:
         """Evaluate; arguments are (n, size), results (n, rows, cols) for matrices and (n, rows) for columns."""
+        return [self.filled(name, values) for name, values in zip(self.names, self.nonzeros(*arguments), strict=True)]
+
+    def nonzeros(self, *arguments: Array) -> list[Array]:
+        """Evaluate; results are the structural nonzeros of each output, (n, nnz), column by column."""
         n = len(arguments[0])
-        results = [np.zeros((n, cols, rows)) for rows, cols in self._outputs]
+        results = [np.empty((n, output.nnz)) for output in self._outputs.values()]
         if n:
-            if n not in self._maps:
-                self._maps[n] = _mapped(self.function, n).buffer()
-            buffer, run = self._maps[n]
             held = [np.ascontiguousarray(a, dtype=float).reshape(-1) for a in arguments]
             for i, (argument, size) in enumerate(zip(held, self._inputs, strict=True)):
                 if argument.size != n * size:
@@ -45,14 +49,57 @@ class Batch:
                     raise ValueError(
                         f"function '{self.function.name()}', input '{name}': got {argument.size}, expected {n} x {size}"
                     )
-                buffer.set_arg(i, (argument if size else _NOTHING).data)
-            flat = [r.reshape(-1) for r in results]
-            for i, result in enumerate(flat):
-                buffer.set_res(i, (result if result.size else _NOTHING.copy()).data)
+            ends = [*range(0, n - n % _BLOCK, _BLOCK), *range(n - n % _BLOCK, n + 1)]  # blocks, then one by one
+            self._run(list(pairwise(ends)), held, results)
+        return results
+
+    def filled(self, name: str, nonzeros: Array) -> Array:
+        """Return an output with its zeros: (n, rows, cols) of a matrix, (n, rows) of a column."""
+        return self._outputs[name].filled(nonzeros)
+
+    def _run(self, spans: Sequence[tuple[int, int]], held: Sequence[Array], results: Sequence[Array]) -> None:
+        inputs = [(i, size, a.data) for i, (a, size) in enumerate(zip(held, self._inputs, strict=True)) if size]
+        outputs = [(i, r.shape[1], r.reshape(-1).data) for i, r in enumerate(results) if r.shape[1]]
+        for start, end in spans:
+            buffer, run = self._call(end - start)
+            for i, size, view in inputs:
+                buffer.set_arg(i, view[start * size : end * size])
+            for i, size, view in outputs:
+                buffer.set_res(i, view[start * size : end * size])
             run()
-        return [
-            r.swapaxes(1, 2) if matrix else r.reshape(n, -1) for r, matrix in zip(results, self._is_matrix, strict=True)
-        ]
+
+    def _call(self, count: int) -> tuple[Any, Any]:
+        """Return the buffer and the call of the function over a number of nodes."""
+        if count not in self._calls:
+            buffer: Any
+            buffer, run = _mapped(self.function, count).buffer()
+            for i, size in enumerate(self._inputs):
+                if not size:
+                    buffer.set_arg(i, _NOTHING.data)
+            for i, output in enumerate(self._outputs.values()):
+                if not output.nnz:
+                    buffer.set_res(i, _NOTHING.data)
+            self._calls[count] = buffer, run
+        return self._calls[count]
+
+
+class _Output:
+    """The shape of an output and where its nonzeros are."""
+
+    def __init__(self, name: str, sparsity: cs.Sparsity) -> None:
+        self.rows, self.cols = sparsity.shape
+        self.nnz = sparsity.nnz()
+        self.is_matrix = name == "K" or name[-2:] in ("_w", "_z", "_x")
+        self._places = None if sparsity.is_dense() else np.array(sparsity.find(), dtype=int)
+
+    def filled(self, nonzeros: Array) -> Array:
+        """Return nonzeros (n, nnz) among their zeros."""
+        n = len(nonzeros)
+        if self._places is not None:
+            dense = np.zeros((n, self.rows * self.cols))
+            dense[:, self._places] = nonzeros
+            nonzeros = dense
+        return nonzeros.reshape(n, self.cols, self.rows).swapaxes(1, 2) if self.is_matrix else nonzeros
 
 
 @lru_cache(maxsize=1024)

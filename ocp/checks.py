@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import starmap
 from typing import TYPE_CHECKING
 
 import casadi as cs
@@ -20,6 +22,7 @@ from .motion import Motion
 from .quantity import Quantity
 from .schedule import Schedule
 from .term import ByPhase, Constraint, Cost
+from .transition import LoweredTransition
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -127,75 +130,90 @@ def solve_implicit(K: Array, r0: Array) -> Array:
 
 
 class Guess:
-    """What the functions of a phase give at its initial guess, by name, each evaluated once.
+    """What a mode's functions give at the initial guess of phases, by name, each evaluated once.
 
     Args:
-        phase: the compiled phase.
+        phases: compiled phases of one mode; results have the nodes of all of them, one phase after another.
     """
 
-    def __init__(self, phase: CompiledPhase) -> None:
-        self.phase = phase
-        self.x, self.u = phase.guess_states, phase.guess_controls
-        self.has_derivatives = phase.mode.model.has_derivatives
+    def __init__(self, *phases: CompiledPhase) -> None:
+        self.phases, self.mode = phases, phases[0].mode
+        self.x = np.concatenate([phase.guess_states[:-1] for phase in phases])
+        self.u = np.concatenate([phase.guess_controls for phase in phases])
+        self.p = np.concatenate([phase.p for phase in phases])
+        self.end = np.array([phase.guess_states[-1] for phase in phases]), np.array([phase.p_end for phase in phases])
+        self.has_derivatives = self.mode.model.has_derivatives
 
     @cached_property
-    def _implicit(self) -> dict[str, Array]:
-        return _named(self.phase.mode.functions["implicit"], self.x[:-1], self.u, self.phase.p)
+    def _implicit(self) -> _Values:
+        return _Values(self.mode.functions["implicit"], self.x, self.u, self.p)
 
     @cached_property
     def z(self) -> Array:
         """Implicit variables (N, nz); NaN if their equations have no solution."""
         if not self.has_derivatives:
-            return np.zeros((self.phase.num_stages, self.phase.mode.nz))
+            return np.zeros((len(self.x), self.mode.nz))
         return _solved(self._implicit["K"], self._implicit["r0"])
 
     @cached_property
-    def stage(self) -> dict[str, Array]:
+    def stage(self) -> Mapping[str, Array]:
         """Values of the stages."""
-        return _named(self.phase.mode.functions["stage"], self.x[:-1], self.u, self.z, self.phase.p)
+        return _Values(self.mode.functions["stage"], self.x, self.u, self.z, self.p)
 
     @cached_property
-    def stage_d(self) -> dict[str, Array]:
-        """Derivatives of the stages; empty for a model that has none."""
+    def stage_d(self) -> Mapping[str, Array]:
+        """Derivatives of the stages that may be infinite where values are finite; empty for a model that has none."""
         if not self.has_derivatives:
             return {}
-        return _named(self.phase.mode.functions["stage_d"], self.x[:-1], self.u, self.z, self.phase.p, self.x[1:])
+        after = np.concatenate([phase.guess_states[1:] for phase in self.phases])
+        return _Values(self.mode.functions["guess_d"], self.x, self.u, self.z, self.p, after)
 
     @cached_property
-    def terminal(self) -> dict[str, Array]:
-        """Values of the last node's rows."""
-        return _named(self.phase.mode.functions["terminal"], self.x[-1:], self.phase.p_end[None])
+    def terminal(self) -> Mapping[str, Array]:
+        """Values of the last nodes' rows."""
+        return _Values(self.mode.functions["terminal"], *self.end)
 
     @cached_property
-    def terminal_d(self) -> dict[str, Array]:
-        """Derivatives of the last node's rows; empty for a model that has none."""
-        if not self.has_derivatives:
-            return {}
-        return _named(self.phase.mode.functions["terminal_d"], self.x[-1:], self.phase.p_end[None])
-
-    @cached_property
-    def reset(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Values and derivatives of what happens after the phase; empty if nothing does."""
-        if self.phase.transition is None or not self.phase.resets:
-            return {}, {}
-        functions, x, p = self.phase.transition.functions, self.x[-1:], self.phase.p_transition[None]
-        implicit = _named(functions["implicit"], x, p)
-        z = _solved(implicit["K"], implicit["r0"])
-        values = _named(functions["reset"], x, z, p)
-        return values, _named(functions["reset_d"], x, z, p, values["x_next"])
+    def terminal_d(self) -> Mapping[str, Array]:
+        """Derivatives of the last nodes' rows; empty for a model that has none."""
+        return _Values(self.mode.functions["terminal_d"], *self.end) if self.has_derivatives else {}
 
     def control_curvature(self) -> Array:
         """Return the largest curvature of the running cost by each control over the stages, z chained in, (nu,)."""
-        by_w = self.stage_d["residual_w"]
-        if self.phase.mode.nz and by_w.shape[1]:
-            by_w = by_w - self.stage_d["residual_z"] @ np.linalg.solve(self._implicit["K"], self.stage_d["r_w"])
-        slopes = by_w[:, :, self.phase.mode.state.ndx :]
-        return np.asarray(np.einsum("nr,nru->nu", self.phase.weight, slopes**2).max(axis=0))
+        by_u, ndx = self.stage_d["residual_w"][:, :, self.mode.state.ndx :], self.mode.state.ndx
+        if self.mode.nz and by_u.shape[1]:
+            chained = np.linalg.solve(self._implicit["K"], self.stage_d["r_w"][:, :, ndx:])
+            by_u = by_u - self.stage_d["residual_z"] @ chained
+        weight = np.concatenate([phase.weight for phase in self.phases])
+        return np.asarray(np.einsum("nr,nru->nu", weight, by_u**2).max(axis=0))
+
+
+class ResetGuess:
+    """What a transition's functions give at the initial guess of phases that end with it.
+
+    Args:
+        transition: the transition.
+        phases: the phases.
+    """
+
+    def __init__(self, transition: LoweredTransition, phases: Sequence[CompiledPhase]) -> None:
+        f = transition.functions
+        x, p = np.array([phase.guess_states[-1] for phase in phases]), np.array([each.p_transition for each in phases])
+        implicit = _Values(f["implicit"], x, p)
+        z = _solved(implicit["K"], implicit["r0"])
+        self.values = _Values(f["reset"], x, z, p)
+        self.derivatives = _Values(f["reset_d"], x, z, p, self.values["x_next"])
+
+
+def by_mode(compiled: CompiledProblem) -> list[Guess]:
+    """Return a guess per mode, of all of its phases."""
+    modes = dict.fromkeys(phase.mode for phase in compiled.phases)
+    return [Guess(*(phase for phase in compiled.phases if phase.mode is mode)) for mode in modes]
 
 
 def check_guess(compiled: CompiledProblem) -> None:
     """Raise if something is not finite at the initial guess, or a control has no cost there."""
-    guesses = [Guess(phase) for phase in compiled.phases]
+    guesses = by_mode(compiled)
     check_finite(compiled, guesses)
     check_controls(compiled, guesses)
 
@@ -205,14 +223,12 @@ def check_controls(compiled: CompiledProblem, guesses: list[Guess] | None = None
 
     Models without derivatives are sampled, and need none.
     """
-    guesses = [g for g in guesses or [Guess(phase) for phase in compiled.phases] if g.has_derivatives]
-    for mode in dict.fromkeys(guess.phase.mode for guess in guesses):
-        if mode.nu == 0:
+    for guess in guesses or by_mode(compiled):
+        phase, mode = guess.phases[0], guess.mode
+        if mode.nu == 0 or not guess.has_derivatives:
             continue
-        phase = next(guess.phase for guess in guesses if guess.phase.mode is mode)
         where = f"phase '{phase.name}' ({phase.interval.phase.source})"
-        curvature = np.max([guess.control_curvature() for guess in guesses if guess.phase.mode is mode], axis=0)
-        for i in np.flatnonzero(curvature <= 0.0):
+        for i in np.flatnonzero(guess.control_curvature() <= 0.0):
             label = mode.model.control.labels[i].strip()
             raise ProblemError(
                 f"{where}, model '{mode.model.name}', mode '{mode.key}': a control has no running cost - got none on "
@@ -223,25 +239,40 @@ def check_controls(compiled: CompiledProblem, guesses: list[Guess] | None = None
 
 def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) -> None:
     """Raise if a value or derivative is NaN or infinite at the initial guess; name the term and the node."""
-    guesses = guesses or [Guess(phase) for phase in compiled.phases]
-    for guess in guesses:
-        n = guess.phase.num_stages
-        for group, first, tables in (
-            ("stage", 0, (guess.stage, guess.stage_d)),
-            ("terminal", n, (guess.terminal, guess.terminal_d)),
-            ("reset", n, guess.reset),
-        ):
-            for what, results in zip(("value", "derivative"), tables, strict=True):
-                for name, array in results.items():
-                    if np.all(np.isfinite(array)):
-                        continue
-                    node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
-                    got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
-                    raise ProblemError(
-                        f"{owner_of(compiled, guess.phase, group, name, row)}, phase '{guess.phase.name}', node "
-                        f"{first + node}: {what} at the initial guess is not finite - got {got}, expected finite "
-                        "numbers; move the guess or the term away from the singularity"
-                    )
+    resets: dict[LoweredTransition, list[CompiledPhase]] = {}
+    for phase in compiled.phases:
+        if phase.transition is not None and phase.resets:
+            resets.setdefault(phase.transition, []).append(phase)
+    tables = [t for g in guesses or by_mode(compiled) for t in (g.stage, g.stage_d, g.terminal, g.terminal_d)]
+    tables += [table for g in starmap(ResetGuess, resets.items()) for table in (g.values, g.derivatives)]
+    if all(table.is_finite for table in tables if isinstance(table, _Values)):
+        return
+    for phase in compiled.phases:
+        _name_first(compiled, phase)
+
+
+def _name_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
+    """Raise for the first value or derivative of a phase that is not finite, if there is any."""
+    guess, n = Guess(phase), phase.num_stages
+    pairs = [
+        ("stage", 0, (guess.stage, guess.stage_d)),
+        ("terminal", n, (guess.terminal, guess.terminal_d)),
+    ]
+    if phase.transition is not None and phase.resets:
+        reset = ResetGuess(phase.transition, [phase])
+        pairs.append(("reset", n, (reset.values, reset.derivatives)))
+    for group, first, tables in pairs:
+        for what, results in zip(("value", "derivative"), tables, strict=True):
+            for name, array in results.items():
+                if np.all(np.isfinite(array)):
+                    continue
+                node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
+                got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
+                raise ProblemError(
+                    f"{owner_of(compiled, phase, group, name, row)}, phase '{phase.name}', node {first + node}: {what} "
+                    f"at the initial guess is not finite - got {got}, expected finite numbers; move the guess or the "
+                    "term away from the singularity"
+                )
 
 
 def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: str, row: int) -> str:
@@ -267,8 +298,26 @@ def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: 
     return f"dynamics of model '{model.name}' ({phase.interval.phase.source}), function '{name}'"
 
 
-def _named(function: cs.Function, *arguments: Array) -> dict[str, Array]:
-    return dict(zip(function.name_out(), Batch(function)(*arguments), strict=True))
+class _Values(Mapping[str, Array]):
+    """A function's outputs at nodes, by name: (n, rows, cols) of matrices, (n, rows) of columns."""
+
+    def __init__(self, function: cs.Function, *arguments: Array) -> None:
+        self._batch = Batch(function)
+        self._nonzeros = dict(zip(self._batch.names, self._batch.nonzeros(*arguments), strict=True))
+
+    def __getitem__(self, name: str) -> Array:
+        return self._batch.filled(name, self._nonzeros[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._nonzeros)
+
+    def __len__(self) -> int:
+        return len(self._nonzeros)
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of them are."""
+        return all(np.all(np.isfinite(values)) for values in self._nonzeros.values())
 
 
 def _solved(K: Array, r0: Array) -> Array:

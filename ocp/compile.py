@@ -9,7 +9,8 @@ from __future__ import annotations
 import time
 from collections.abc import Hashable
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from .path import Interval, Path
 from .phase import Phase, ResetMap
 from .problem import Problem
 from .quantity import Quantity
+from .schedule import Segment
 from .term import At, Constraint, Cost
 from .timeline import Stretch, check_passed, covers, lay
 from .trajectory import SCHEDULED
@@ -34,6 +36,9 @@ from .transition import LoweredTransition, lower_transition
 
 Array = NDArray[np.float64]
 Term = Cost | Constraint
+
+RUNNING = frozenset[At]({"running"})
+"""The terms that hold at a stage."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +129,9 @@ class Compilation:
         self.scopes = tuple(scope for _, scope in scoped)
         self.unbound: dict[tuple[str, int], str] = {}
         self.numbers = Numbers(problem, self.terms, self.scopes)
+        self._lowered: dict[tuple[Segment, str], LoweredMode] = {}
+        self._weights: dict[LoweredMode, tuple[Batch, Batch]] = {}
+        self._modes: dict[tuple[ModelBase, int, int], tuple[Hashable, Hashable | None]] = {}
         check_names(problem, self.terms)
 
     # ---- one phase
@@ -146,16 +154,18 @@ class Compilation:
             ending.add("phase_end")
         if follower is None:
             ending.add("end")
-        here = [frozenset[At]({"running"})] * n + [frozenset(ending)]
-        p = np.array([
-            self.numbers.of_node(
-                mode, segment.dt, self.node(stretch, times[k], inside[k], samples[k], is_end=k == n),
-                inside[k].phase, samples[k], here[k],
-            )
-            for k in range(n + 1)
-        ])  # fmt: skip
-        stage = Batch(mode.functions["stage_w"])(p[:-1])
-        end = Batch(mode.functions["terminal_w"])(p[-1:])
+        nodes = [
+            self.node(stretch, t, interval, sample, is_end=k == n)
+            for k, (t, interval, sample) in enumerate(zip(times, inside, samples, strict=True))
+        ]
+        p = np.empty((n + 1, mode.layout.size))
+        for interval, run in groupby(range(n), key=lambda k: inside[k]):
+            first, *rest = run
+            part = slice(first, first + 1 + len(rest))
+            p[part] = self.numbers.of_nodes(mode, segment.dt, nodes[part], interval.phase, RUNNING)
+        p[n:] = self.numbers.of_nodes(mode, segment.dt, nodes[n:], inside[n].phase, frozenset(ending))
+        stage_w, terminal_w = self.weights(mode)
+        stage, end = stage_w(p[:-1]), terminal_w(p[-1:])
         transition, p_transition, resets = self.transition(stretch, follower, mode.key, samples[-1])
         states, controls = self.guess(model, stretch, samples, i == 0)
         return CompiledPhase(
@@ -172,11 +182,22 @@ class Compilation:
         """Return the lowered mode of a stretch."""
         segment, model = stretch.segment, stretch.segment.model
         key = model.mode_key(self.resolve(model, stretch.interval.phase))
-        excluded = frozenset(k for k, term in enumerate(self.terms) if term in segment.excluded)
-        shape = tuple(term.structure() for term in self.terms)
-        lowered = _lower(_Structure(model, key, shape, excluded, self.terms))
-        self.unbound.update({(model.name, k): why for k, why in lowered.unbound.items()})
-        return lowered
+        if (segment, key) not in self._lowered:
+            excluded = frozenset(k for k, term in enumerate(self.terms) if term in segment.excluded)
+            lowered = _lower(_Structure(model, key, self._shape, excluded, self.terms))
+            self.unbound.update({(model.name, k): why for k, why in lowered.unbound.items()})
+            self._lowered[segment, key] = lowered
+        return self._lowered[segment, key]
+
+    @cached_property
+    def _shape(self) -> tuple[Hashable, ...]:
+        return tuple(term.structure() for term in self.terms)
+
+    def weights(self, mode: LoweredMode) -> tuple[Batch, Batch]:
+        """Return what gives the weights and masks of a mode's stages and of its last nodes."""
+        if mode not in self._weights:
+            self._weights[mode] = Batch(mode.functions["stage_w"]), Batch(mode.functions["terminal_w"])
+        return self._weights[mode]
 
     def resolve(self, model: ModelBase, phase: Phase) -> Hashable:
         """Return a phase's mode in a model's terms; errors name the phase."""
@@ -194,11 +215,15 @@ class Compilation:
 
     def node(self, stretch: Stretch, t: float, interval: Interval, sample: Sample, *, is_end: bool) -> Node:
         """Return the context in which a model is asked its numbers."""
-        model, following = stretch.segment.model, stretch.following if is_end else None
-        earlier = self.path.interval_before(interval.start) if interval.start > 0 else None
-        before, after = self.neighbour(model, earlier), self.neighbour(model, following)
+        model = stretch.segment.model
+        key = (model, interval.piece, interval.index)
+        if key not in self._modes:
+            earlier = self.path.interval_before(interval.start) if interval.start > 0 else None
+            self._modes[key] = self.resolve(model, interval.phase), self.neighbour(model, earlier)
+        now, before = self._modes[key]
+        after = self.neighbour(model, stretch.following) if is_end else None
         steps = round((t - interval.start) / stretch.segment.dt)
-        return Node(t, self.resolve(model, interval.phase), after, sample, before, steps)
+        return Node(t, now, after, sample, before, steps)
 
     # ---- between phases
 
@@ -221,26 +246,27 @@ class Compilation:
 
     def guess(self, model: ModelBase, stretch: Stretch, samples: list[Sample], is_first: bool) -> tuple[Array, Array]:
         """Return states and controls along the path; what it lacks keeps its start (or is zero)."""
-        rows = []
-        for sample in samples:
-            row: dict[Quantity, Array] = {}
-            for block in model.state.blocks:
-                value = sample.get(block.quantity, self.start.get(block.quantity))
-                if value is None:
-                    value = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
-                row[block.quantity] = np.asarray(value, dtype=float)
-            rows.append(model.state.pack(row))
-        controls = [self.control(model, sample) for sample in samples[:-1]]
-        states = model.state.np_normalise(np.array(rows))
+        rows: dict[Quantity, Array] = {}
+        for block in model.state.blocks:
+            still = self.start.get(block.quantity)
+            if still is None:
+                still = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
+            rows[block.quantity] = np.array([sample.get(block.quantity, still) for sample in samples], dtype=float)
+        states = model.state.np_normalise(model.state.pack(rows))
         if is_first:
             states[0] = self.problem.initial
-        return states, np.array(controls).reshape(len(samples) - 1, model.control.nx)
+        return states, self.controls(model, samples[:-1])
 
-    def control(self, model: ModelBase, sample: Sample) -> Array:
-        """Return the control that the path names at a sample, else the model's own guess, else zero."""
-        known = {**model.control_guess(sample), **sample}
-        named = {b.quantity: np.asarray(known.get(b.quantity, np.zeros(b.nx))) for b in model.control.blocks}
-        return model.control.pack(named) if named else np.zeros(0)
+    def controls(self, model: ModelBase, samples: list[Sample]) -> Array:
+        """Return the controls that the path names at samples, else the model's own guess, else zero, (N, nu)."""
+        if not model.control.blocks:
+            return np.zeros((len(samples), 0))
+        known = [{**model.control_guess(sample), **sample} for sample in samples]
+        rows = {
+            b.quantity: np.array([each.get(b.quantity, np.zeros(b.nx)) for each in known], dtype=float)
+            for b in model.control.blocks
+        }
+        return model.control.pack(rows)
 
     # ---- what was declared and applies nowhere
 

@@ -36,7 +36,7 @@ def check_numbers(compiled: CompiledProblem) -> None:
                 table[node, entry],
             )  # fmt: skip
         for what, first, array, rows in _tables(phase):
-            fits = np.isin(array, (0.0, 1.0)) if what == "mask" else np.isfinite(array)
+            fits = (array == 0.0) | (array == 1.0) if what == "mask" else np.isfinite(array)
             if np.all(fits):
                 continue
             node, entry = (int(k) for k in np.argwhere(~fits)[0])

@@ -7,6 +7,7 @@ implicit       (x, u, p)         → K, r0                     the implicit part
 stage          (x, u, z, p)      → x_next, residual, g, h    one stage; rows of running terms
 stage_d        (x, u, z, p, xn)  → r_w, and d, residual, g,
                                    h by w and by z
+guess_d        as stage_d        → the same but for what is finite wherever x, u and z are, which is zero
 stage_w        (p)               → weight, g_mask, h_mask    numbers per row; a masked row counts for nothing
 terminal       (x, p)            → residual, g, h            the last node of a phase
 terminal_d     (x, p)            → residual_x, g_x, h_x
@@ -333,13 +334,15 @@ class Lowering:
         xuzp = {"x": x, "u": u, "z": z, "p": p}
         step = {"x_next": dynamics.next_state} if self.model.has_derivatives else {}
         return {
-            "stage": _make("stage", xuzp, {**step, **rows}),
-            "stage_w": _make("stage_w", {"p": p}, {"weight": weights[0], "g_mask": masks[0][0], "h_mask": masks[0][1]}),
-            "terminal": _make("terminal", {"x": x, "p": p}, end),
-            "terminal_w": _make(
+            "stage": make_function("stage", xuzp, {**step, **rows}),
+            "stage_w": make_function(
+                "stage_w", {"p": p}, {"weight": weights[0], "g_mask": masks[0][0], "h_mask": masks[0][1]}
+            ),
+            "terminal": make_function("terminal", {"x": x, "p": p}, end),
+            "terminal_w": make_function(
                 "terminal_w", {"p": p}, {"weight": weights[1], "g_mask": masks[1][0], "h_mask": masks[1][1]}
             ),
-            "outputs": _make("outputs", xuzp, {"outputs": outputs}),
+            "outputs": make_function("outputs", xuzp, {"outputs": outputs}),
         } | (self.derivatives(dynamics, rows, end, p) if self.model.has_derivatives else {})
 
     def derivatives(
@@ -354,25 +357,49 @@ class Lowering:
         by_w, by_z = tangent_jacobians(groups, state, x, dx, u, z)
         end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
         names = ["residual", "g", "h"]
+        stage = {"x": x, "u": u, "z": z, "p": p, "xn": xn}
+        others = dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
+        others |= dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True))
+        by_u = cs.horzcat(cs.SX(z.numel(), state.ndx), by_w[0][:, state.ndx :])
+        is_smooth = _is_smooth(cs.Function("implicit", [x, u, z, p], [dynamics.implicit]))
         return {
-            "implicit": _make("implicit", {"x": x, "u": u, "p": p}, {"K": K, "r0": r0}),
-            "stage_d": _make(
-                "stage_d",
-                {"x": x, "u": u, "z": z, "p": p, "xn": xn},
-                {"r_w": by_w[0]}
-                | dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
-                | dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True)),
-            ),
-            "terminal_d": _make(
+            "implicit": make_derivatives("implicit", {"x": x, "u": u, "p": p}, {"K": K}, {"r0": r0}),
+            "stage_d": make_derivatives("stage_d", stage, {"r_w": by_w[0], **others}),
+            "guess_d": make_derivatives("guess_d", stage, {"r_w": by_u if is_smooth else by_w[0], **others}),
+            "terminal_d": make_derivatives(
                 "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
             ),
         }
 
 
-def _make(name: str, inputs: dict[str, cs.SX], outs: dict[str, cs.SX]) -> cs.Function:
-    """Return a function with dense outputs."""
-    values = [cs.densify(value) for value in outs.values()]
-    return cs.Function(name, list(inputs.values()), values, list(inputs), list(outs), {"cse": True})
+_SMOOTH = {
+    cs.OP_INPUT, cs.OP_CONST, cs.OP_OUTPUT, cs.OP_ASSIGN, cs.OP_ADD, cs.OP_SUB, cs.OP_MUL, cs.OP_DIV, cs.OP_NEG,
+    cs.OP_SQ, cs.OP_TWICE, cs.OP_INV, cs.OP_SIN, cs.OP_COS, cs.OP_EXP,
+}  # fmt: skip
+"""Operations whose derivatives are finite wherever they are themselves."""
+
+
+def _is_smooth(function: cs.Function) -> bool:
+    """Return whether a function's derivatives are finite wherever its values are."""
+    return all(function.instruction_id(k) in _SMOOTH for k in range(function.n_instructions()))
+
+
+def make_function(name: str, inputs: dict[str, cs.SX], columns: dict[str, cs.SX]) -> cs.Function:
+    """Return a function whose outputs are dense columns."""
+    values = [cs.densify(value) for value in columns.values()]
+    return cs.Function(name, list(inputs.values()), values, list(inputs), list(columns), {"cse": True})
+
+
+def make_derivatives(
+    name: str, inputs: dict[str, cs.SX], matrices: dict[str, cs.SX], columns: dict[str, cs.SX] | None = None
+) -> cs.Function:
+    """Return a function whose outputs are matrices of structural nonzeros, mostly zeros otherwise, then dense columns.
+
+    Common subexpressions stay: to find the last twentieth of them takes longer than all the rest of the lowering.
+    """
+    outs = {k: cs.sparsify(value) for k, value in matrices.items()}
+    outs |= {k: cs.densify(value) for k, value in (columns or {}).items()}
+    return cs.Function(name, list(inputs.values()), list(outs.values()), list(inputs), list(outs))
 
 
 def _cannot(model: ModelBase, error: UnknownNameError) -> str:

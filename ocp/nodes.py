@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
 
-from .batch import Batch
-from .compile import Compilation
+from .compile import RUNNING, Compilation
 from .lowering import LoweredMode
 from .model import Sample
 from .problem import Problem
@@ -19,7 +18,6 @@ from .timeline import Stretch
 
 Array = NDArray[np.float64]
 
-_RUNNING = frozenset[At]({"running"})
 _ENDING = frozenset[At]({"running", "end"})
 
 
@@ -68,7 +66,7 @@ class Nodes:
         self._stretch = Stretch(segment, first, 0.0, 1, False, None)
         self.mode: LoweredMode = self._compilation.mode(self._stretch)
         self._refuse_phase_ends(segment.excluded)
-        self._weights = [Batch(self.mode.functions[name]) for name in ("stage_w", "terminal_w")]
+        self._weights = self._compilation.weights(self.mode)
         self._rows: list[tuple[Array, Array, Array, Array]] = []
         self._samples: list[Sample] = []
 
@@ -101,7 +99,7 @@ class Nodes:
         if not missing:
             return
         self._samples += [self._sample(k) for k in range(len(self._samples), count)]
-        p = np.array([self._of_node(k, _RUNNING) for k in missing])
+        p = np.array([self._of_node(k, RUNNING) for k in missing])
         self._rows += list(zip(p, *self._weights[0](p), strict=True))
 
     def _sample(self, k: int) -> Sample:
@@ -116,7 +114,8 @@ class Nodes:
         interval = self._path.interval_at(t)
         sample = self._samples[k] if k < len(self._samples) else self._path.sample(t, interval)
         node = self._compilation.node(self._stretch, t, interval, sample, is_end=False)
-        return self._compilation.numbers.of_node(self.mode, self.dt, node, interval.phase, sample, here)
+        row: Array = self._compilation.numbers.of_nodes(self.mode, self.dt, [node], interval.phase, here)[0]
+        return row
 
     def _refuse_phase_ends(self, excluded: tuple[object, ...]) -> None:
         for k in self.mode.bound:

@@ -26,11 +26,10 @@ def notices(compiled: CompiledProblem) -> list[Notice]:
     """Return the warnings that ``describe`` and ``check`` show: the models' own, and those of the initial guess."""
     models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
     found = [notice for model in models for notice in model.notices(compiled.path)] + broken_at_start(compiled)
-    guesses = [Guess(phase) for phase in compiled.phases if _turning(phase)]
+    guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
     if guesses:
-        stages, ends = {}, {}
-        for guess in guesses:
-            stages[guess.phase], ends[guess.phase] = guess.stage["residual"], guess.terminal["residual"]
+        stages = {phase: guess.stage["residual"] for phase, guess in guesses.items()}
+        ends = {phase: guess.terminal["residual"] for phase, guess in guesses.items()}
         blank = np.zeros((0, 0))
         found += half_turns(
             compiled, [stages.get(p, blank) for p in compiled.phases], [ends.get(p, blank) for p in compiled.phases]

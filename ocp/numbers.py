@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from piaffe.errors import ProblemError, ShapeError
 from . import rotation
 from .layout import Layout
 from .lowering import LoweredMode
-from .model import ModelBase, Node, Sample
+from .model import ModelBase, Node
 from .parameter import Parameter
 from .phase import Phase
 from .problem import Problem
@@ -22,6 +22,25 @@ from .transition import LoweredTransition
 
 Array = NDArray[np.float64]
 Term = Cost | Constraint
+
+
+@dataclass(frozen=True, eq=False)
+class _Slot:
+    """A term's place in ``p``: its number, what scales it (weight or active), its target, names of its components."""
+
+    k: int
+    term: Term
+    factor: slice
+    target: slice | None
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _OfMode:
+    """What the nodes of a mode share: numbers, (np,), and where those are that depend on the phase."""
+
+    p: Array
+    slots: tuple[_Slot, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +53,7 @@ class _Tracked:
 
 
 class Numbers:
-    """Fills parameter vectors; what does not change along a phase is worked out once.
+    """Fills parameter vectors; what does not change within a mode or a phase is worked out once.
 
     Args:
         problem: the declaration.
@@ -47,28 +66,28 @@ class Numbers:
         self.applied: set[int] = set()
         self.used: set[str] = set()
         self.changing: set[str] = set()
+        self._modes: dict[LoweredMode, _OfMode] = {}
+        self._weights: dict[tuple[LoweredMode, int, str], Array] = {}
         self._phases: dict[tuple[LoweredMode, Phase, frozenset[At]], tuple[Array, list[_Tracked]]] = {}
 
-    def of_node(
-        self, mode: LoweredMode, dt: float, node: Node, phase: Phase, sample: Sample, here: frozenset[At]
-    ) -> Array:
-        """Return the parameters of one node, (np,).
+    def of_nodes(self, mode: LoweredMode, dt: float, nodes: Sequence[Node], phase: Phase, here: frozenset[At]) -> Array:
+        """Return the parameters of nodes of one phase at which the same terms hold, (n, np).
 
         Args:
             mode: the lowered mode.
             dt: time step [s].
-            node: what the model is asked with.
-            phase: the motion phase of the node.
-            sample: the path at the node.
+            nodes: what the model is asked with.
+            phase: their motion phase.
             here: which terms hold: running ones, those of a phase's end, those of the horizon's end.
         """
         if (mode, phase, here) not in self._phases:
             self._phases[mode, phase, here] = self._of_phase(mode, phase, here)
         constant, tracked = self._phases[mode, phase, here]
-        p = constant.copy()
-        _put(p, mode.layout, self._changing(mode.model, dt, node))
+        p: Array = np.tile(constant, (len(nodes), 1))
+        for row, node in zip(p, nodes, strict=True):
+            _put(row, mode.layout, self._changing(mode.model, dt, node))
         for each in tracked:
-            p[each.part] = self.target(each.term, each.part.stop - each.part.start, sample, each.labels)
+            p[:, each.part] = self._followed(each, nodes)
         return p
 
     def of_transition(self, transition: LoweredTransition, dt: float, node: Node) -> Array:
@@ -128,33 +147,59 @@ class Numbers:
 
     # ---- terms
 
-    def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> tuple[Array, list[_Tracked]]:
-        """Return what the nodes of a phase share, and which targets are still to be filled in."""
-        p, tracked = np.zeros(mode.layout.size), []
+    def _of_mode(self, mode: LoweredMode) -> _OfMode:
+        """Return what the nodes of a mode share, whichever their phase."""
+        p = np.zeros(mode.layout.size)
         _put(p, mode.layout, self._of_model(mode.model))
         _put(p, mode.layout, self._of_user(mode.parameters))
+        labels: dict[int, list[str]] = {k: [] for k in mode.bound}
+        for group, running in (("stage", True), ("terminal", False)):
+            for row in mode.rows[f"{group}_residual"]:
+                if (self.terms[row.term].at == "running") is running:
+                    labels[row.term].append(row.label)
         for k in mode.bound:
-            term, scope = self.terms[k], self.scopes[k]
-            applies = scope in (None, phase) and term.applies(phase.name) and term.at in here
+            term = self.terms[k]
+            _put(p, mode.layout, {f"term{k}.{name}": value for name, value in term.parameters.items()})
+            if isinstance(term, Constraint):
+                _put(p, mode.layout, self._bounds(mode, k, term))
+            elif (part := mode.layout.slices.get(f"term{k}.target")) is not None:
+                p[part.start] = 1.0  # of a rotation the identity
+        slices = mode.layout.slices
+        slots = (
+            _Slot(
+                k, term, slices[f"term{k}.{'active' if isinstance(term, Constraint) else 'weight'}"],
+                slices.get(f"term{k}.target"), tuple(labels[k]),
+            )
+            for k, term in ((k, self.terms[k]) for k in mode.bound)
+        )  # fmt: skip
+        return _OfMode(p, tuple(slots))
+
+    def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> tuple[Array, list[_Tracked]]:
+        """Return what the nodes of a phase share, and which targets are still to be filled in."""
+        if mode not in self._modes:
+            self._modes[mode] = self._of_mode(mode)
+        shared = self._modes[mode]
+        p, tracked = shared.p.copy(), []
+        for slot in shared.slots:
+            k, term = slot.k, slot.term
+            applies = self.scopes[k] in (None, phase) and term.at in here and term.applies(phase.name)
             if applies:
                 self.applied.add(k)
-            values = {f"term{k}.{name}": value for name, value in term.parameters.items()}
             if isinstance(term, Constraint):
-                values |= self._of_constraint(mode, k, term, applies)
-            else:
-                labels = _labels(mode, k, term)
-                values[f"term{k}.weight"] = applies * term.weights(phase.name, labels)
-                part = mode.layout.slices.get(f"term{k}.target")
-                if part is not None:
-                    p[part.start] = 1.0  # of a rotation the identity
-                    if applies:
-                        tracked.append(_Tracked(term, part, labels))
-            _put(p, mode.layout, values)
+                p[slot.factor] = applies
+            elif applies:
+                if (mode, k, phase.name) not in self._weights:
+                    self._weights[mode, k, phase.name] = term.weights(phase.name, slot.labels)
+                p[slot.factor] = self._weights[mode, k, phase.name]
+                if slot.target is not None and term.target is None:
+                    tracked.append(_Tracked(term, slot.target, slot.labels))
+                elif slot.target is not None:
+                    p[slot.target] = _fixed(term, slot.target.stop - slot.target.start, slot.labels)
         return p, tracked
 
-    def _of_constraint(self, mode: LoweredMode, k: int, term: Constraint, applies: bool) -> dict[str, Array]:
-        """Return whether a constraint's rows count, and their bounds."""
-        values = {f"term{k}.active": np.array([float(applies)])}
+    def _bounds(self, mode: LoweredMode, k: int, term: Constraint) -> dict[str, Array]:
+        """Return the bounds of a constraint's rows, and which of them are finite."""
+        values: dict[str, Array] = {}
         for side in ("lower", "upper"):
             part = mode.layout.slices.get(f"term{k}.{side}")
             if part is not None:
@@ -176,44 +221,53 @@ class Numbers:
                 "upper; swap them"
             )
 
-    def target(self, term: Cost, size: int, sample: Sample, labels: tuple[str, ...]) -> Array:
-        """Return a cost's target at a node, (size,): its own, or the path's.
-
-        Args:
-            term: the cost.
-            size: stored entries, 4 for a rotation.
-            sample: the path at the node.
-            labels: names of the components of a difference.
-        """
+    def _followed(self, each: _Tracked, nodes: Sequence[Node]) -> Array:
+        """Return the path's targets of a cost at nodes, (n, size); of a rotation unit quaternions."""
+        term, size = each.term, each.part.stop - each.part.start
         quantity = term.quantity
         assert quantity is not None  # only tracked quantities have a target slot
-        value = term.target
-        if value is not None and value.size == 0:  # a regularised rotation
-            return np.array([1.0, 0.0, 0.0, 0.0])
-        rotates = len(labels) < size
-        if value is None:
-            found = next((given for q, given in sample.items() if q.path == quantity.path), None)
+        values = np.empty((len(nodes), size))
+        for row, node in zip(values, nodes, strict=True):
+            found = node.sample.get(quantity)
+            if found is None:
+                found = next((given for q, given in node.sample.items() if q.path == quantity.path), None)
             if found is None:
                 raise ProblemError(
                     f"term '{term.name}' ({term.source}): the motion has no target for it - got targets "
-                    f"{sorted(q.path for q in sample)}, expected '{quantity}'; give to=..., or put it in the keyframes "
-                    "or the reference"
+                    f"{sorted(q.path for q in node.sample)}, expected '{quantity}'; give to=..., or put it in the "
+                    "keyframes or the reference"
                 )
-            value = np.atleast_1d(np.asarray(found, dtype=float))
-        elif rotates and value.size == 3:
-            value = rotation.np_from_rpy(value)
-        if value.size != size:
-            names = "roll, pitch, yaw" if rotates else ", ".join(labels)
-            raise ShapeError(
-                f"term '{term.name}' ({term.source}): target has the wrong size - got {value.size} entries, expected "
-                f"{len(labels)} ({names}) [{term.unit or '-'}]; give one per component"
-            )
-        return value / np.linalg.norm(value) if rotates else value
+            row[:] = _sized(term, found, size, each.labels)
+        return values / np.linalg.norm(values, axis=1, keepdims=True) if len(each.labels) < size else values
 
 
-def _labels(mode: LoweredMode, k: int, term: Cost) -> tuple[str, ...]:
-    group = "stage" if term.at == "running" else "terminal"
-    return tuple(row.label for row in mode.rows[f"{group}_residual"] if row.term == k)
+def _fixed(term: Cost, size: int, labels: tuple[str, ...]) -> Array:
+    """Return a cost's own target, (size,).
+
+    Args:
+        term: the cost.
+        size: stored entries, 4 for a rotation.
+        labels: names of the components of a difference.
+    """
+    value, rotates = term.target, len(labels) < size
+    assert value is not None  # else it follows the path
+    if value.size == 0:  # a regularised rotation
+        return np.array([1.0, 0.0, 0.0, 0.0])
+    if rotates and value.size == 3:
+        value = rotation.np_from_rpy(value)
+    value = _sized(term, value, size, labels)
+    return value / np.linalg.norm(value) if rotates else value
+
+
+def _sized(term: Cost, value: Array, size: int, labels: tuple[str, ...]) -> Array:
+    """Return a target; raise if it has not ``size`` entries."""
+    if np.size(value) != size:
+        names = "roll, pitch, yaw" if len(labels) < size else ", ".join(labels)
+        raise ShapeError(
+            f"term '{term.name}' ({term.source}): target has the wrong size - got {np.size(value)} entries, expected "
+            f"{len(labels)} ({names}) [{term.unit or '-'}]; give one per component"
+        )
+    return value
 
 
 def _put(p: Array, layout: Layout, values: Mapping[str, Array]) -> None:

@@ -36,6 +36,9 @@ class Quantity:
     def __str__(self) -> str:
         return self.path
 
+    def __hash__(self) -> int:
+        return hash(self.path)  # of samples' keys; the path nearly always tells two apart
+
 
 @dataclass(frozen=True)
 class QuantityGroup:

@@ -21,7 +21,7 @@ from piaffe.errors import ProblemError, ShapeError
 from .given import call
 from .layout import Layout
 from .linear import affine, tangent_jacobians
-from .lowering import Lowering
+from .lowering import Lowering, make_derivatives, make_function
 from .model import ModelBase
 from .parameter import Parameter
 from .phase import ResetMap
@@ -102,10 +102,6 @@ def lower_transition(
     by_x, by_z = tangent_jacobians(groups, source.state, low.x, dx, cs.SX(0, 1), low.z)
     p = cs.vertcat(*low.slots.values())
 
-    def make(name: str, inputs: dict[str, cs.SX], outs: dict[str, cs.SX]) -> cs.Function:
-        dense = [cs.densify(value) for value in outs.values()]
-        return cs.Function(name, list(inputs.values()), dense, list(inputs), list(outs), {"cse": True})
-
     return LoweredTransition(
         source=source,
         key=key,
@@ -114,9 +110,9 @@ def lower_transition(
         parameters=tuple(low.parameters.values()),
         nz=low.z.numel(),
         functions={
-            "implicit": make("implicit", {"x": low.x, "p": p}, {"K": K, "r0": r0}),
-            "reset": make("reset", {"x": low.x, "z": low.z, "p": p}, {"x_next": x_next}),
-            "reset_d": make(
+            "implicit": make_derivatives("implicit", {"x": low.x, "p": p}, {"K": K}, {"r0": r0}),
+            "reset": make_function("reset", {"x": low.x, "z": low.z, "p": p}, {"x_next": x_next}),
+            "reset_d": make_derivatives(
                 "reset_d", {"x": low.x, "z": low.z, "p": p, "xn": xn}, {"r_x": by_x[0], "d_x": by_x[1], "d_z": by_z[1]}
             ),
         },

@@ -17,7 +17,6 @@ from piaffe.ocp.motion import Piece
 from piaffe.ocp.quantity import Quantity
 from piaffe.ocp.reference import BoundReference, Reference
 
-from ..kinematics import Kinematics
 from ..legged import LeggedModel
 from ..quantities import base, feet, joints
 from .course import Course, ease, turn_by
@@ -107,7 +106,7 @@ class BoundGait(BoundReference):
     def __init__(self, gait: GaitReference, model: LeggedModel, piece: Piece, start: Sample) -> None:
         self.gait, self.model, self.piece = gait, model, piece
         self.robot = model.robot
-        self.kinematics = Kinematics(self.robot)
+        self.kinematics = model.kinematics
         self._height = gait.height if gait.height is not None else self.robot.base_height("stand")
         self._gravity = float(np.linalg.norm(self.robot.model.gravity.linear)) or 9.81
         self._home = self.kinematics.feet(self.robot.pose("stand"))
@@ -131,10 +130,14 @@ class BoundGait(BoundReference):
             made = self.samples(times)
             for i, time in enumerate(times):
                 self._kept.setdefault(round(float(time), 9), {quantity: v[i] for quantity, v in made.items()})
+        return {**self._kept[key], feet.force: self._force(phase)}
+
+    def _force(self, phase: int) -> Array:
+        """Return forces of the feet that stand in a phase, which share the weight, (3 nf,) [N]."""
         flags = self.footsteps.timetable.flags(phase)
         force = np.zeros((len(flags), 3))
         force[:, 2] = flags * self._weight / max(flags.sum(), 1.0)
-        return {**self._kept[key], feet.force: force.ravel()}
+        return force.ravel()
 
     def samples(self, t: Array) -> dict[Quantity, Array]:
         """Return the targets at times (S,) [s], all but the forces, each (S, ...)."""
@@ -247,7 +250,8 @@ class BoundGait(BoundReference):
         t = settled + np.arange(0.0, max(table.period, _STEP), _STEP)
         position, rpy, _, _ = self._base(t)
         place, _ = self.footsteps.at(t)
-        _, miss = self.kinematics.world_inverse(position, rotation.np_from_rpy(rpy), place)
+        enough = 0.1 * _MISS * float(self.kinematics.reach.min())
+        _, miss = self.kinematics.world_inverse(position, rotation.np_from_rpy(rpy), place, tolerance=enough)
         foot = int(np.argmax(miss.max(axis=0)))
         if miss[:, foot].max() > _MISS * self.kinematics.reach[foot]:
             raise ProblemError(

@@ -24,7 +24,7 @@ from .cache import LIBRARY, Cache, Entry
 from .compilers import Compiler, candidates, first_lines, working
 from .cpu import Cpu, this_cpu
 
-VERSION = "1"
+VERSION = "2"
 """Part of every key: counted up when this module compiles differently."""
 
 _EXACT = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")  # NaN, infinities and rounding as in IEEE 754
@@ -77,12 +77,49 @@ class Built:
 
 
 @dataclass(frozen=True)
+class Texts:
+    """C texts of a library.
+
+    Args:
+        units: name (an identifier) and text of each translation unit.
+        headers: file name and text of what they include.
+        flags_per_unit: flags by unit, instead of those for all.
+    """
+
+    units: Sequence[tuple[str, str]]
+    headers: Mapping[str, str] = field(default_factory=dict)
+    flags_per_unit: Mapping[str, Sequence[str]] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> list[str]:
+        """All of them, as one list."""
+        parts = []
+        for name, text in self.units:
+            parts += ["unit", name, text, *self.flags_per_unit.get(name, ("as all",))]
+        for name in sorted(self.headers):
+            parts += ["header", name, self.headers[name]]
+        return parts
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Texts that are made only if no library of them is kept, and what they are made from.
+
+    Args:
+        parts: what the texts follow from, whatever it is: equal parts make equal texts.
+        texts: makes them.
+    """
+
+    parts: Sequence[str]
+    texts: Callable[[], Texts]
+
+
+@dataclass(frozen=True)
 class _Recipe:
     """All that a library is made from, but for the compiler and the processor."""
 
-    units: tuple[tuple[str, str], ...]
-    headers: Mapping[str, str]
-    flags: Mapping[str, tuple[str, ...]]  # by unit
+    origin: Origin
+    flags: tuple[str, ...]
     link: tuple[str, ...]
     width: int
     version: str
@@ -91,18 +128,9 @@ class _Recipe:
         """Return the digest under which the library is kept."""
         digest = hashlib.sha256()
         parts = [
-            VERSION,
-            self.version,
-            str(self.width),
-            compiler.identity,
-            *compiler.flags,
-            cpu.fingerprint,
-            *self.link,
-        ]
-        for name, text in self.units:
-            parts += ["unit", name, text, *self.flags[name]]
-        for name in sorted(self.headers):
-            parts += ["header", name, self.headers[name]]
+            VERSION, self.version, str(self.width), compiler.identity, *compiler.flags, cpu.fingerprint, *self.link,
+            "flags", *self.flags, *self.origin.parts,
+        ]  # fmt: skip
         for part in parts:
             encoded = part.encode()
             digest.update(b"%d:" % len(encoded) + encoded)  # the length, lest two lists read the same
@@ -110,7 +138,7 @@ class _Recipe:
 
 
 def build(
-    units: Sequence[tuple[str, str]],
+    units: Sequence[tuple[str, str]] | Origin,
     *,
     headers: Mapping[str, str] | None = None,
     flags: Sequence[str] = EXPRESSION_FLAGS,
@@ -125,7 +153,7 @@ def build(
     """Return a shared library of some translation units, from the cache or compiled now.
 
     Args:
-        units: name (an identifier) and C text of each.
+        units: name (an identifier) and C text of each; or where all texts come from, headers included.
         headers: file name and text of what they include.
         flags: for every unit that has none of its own; ``{native}`` stands for the flag for this processor.
         flags_per_unit: flags by unit, instead of ``flags``.
@@ -144,8 +172,12 @@ def build(
     began = time.perf_counter()
     cpu = this_cpu()
     cache = cache or Cache()
-    recipe = _checked(units, headers or {}, flags, flags_per_unit or {}, link, cpu.lanes if width is None else width,
-                      version, cpu)  # fmt: skip
+    if isinstance(units, Origin):
+        origin = units
+    else:
+        texts = _checked(Texts(tuple(units), dict(headers or {}), dict(flags_per_unit or {})))
+        origin = Origin(texts.parts, lambda: texts)
+    recipe = _Recipe(origin, tuple(flags), tuple(link), _checked_width(cpu.lanes if width is None else width), version)
 
     def result(entry: Entry, key: str, compiler: Compiler, built: bool) -> Built:
         seconds = time.perf_counter() - began
@@ -157,7 +189,8 @@ def build(
             return result(entry, key, compiler, False)
     compiler = working()
     key = recipe.key(compiler, cpu)
-    steps = len(recipe.units) + 1
+    made = _checked(origin.texts())
+    steps = len(made.units) + 1
 
     def waiting() -> None:
         if progress is not None:
@@ -166,10 +199,10 @@ def build(
     with cache.building(key, waiting) as folder:
         if (entry := cache.find(key, cpu)) is not None:  # by whom we have waited for
             return result(entry, key, compiler, False)
-        library = _compile(recipe, compiler, cpu, folder, progress)
+        library = _compile(recipe, made, compiler, cpu, folder, progress)
         about = {
             "cpu": cpu.fingerprint, "cpu_name": cpu.name, "compiler": compiler.version, "width": recipe.width,
-            "units": len(recipe.units), "label": label, "seconds": time.perf_counter() - began, "piaffe": __version__,
+            "units": len(made.units), "label": label, "seconds": time.perf_counter() - began, "piaffe": __version__,
         }  # fmt: skip
         return result(cache.store(key, library, about), key, compiler, True)
 
@@ -192,46 +225,51 @@ def load(built: Built) -> ctypes.CDLL:
         ) from error
 
 
-def _checked(
-    units: Sequence[tuple[str, str]], headers: Mapping[str, str], flags: Sequence[str],
-    flags_per_unit: Mapping[str, Sequence[str]], link: Sequence[str], width: int, version: str, cpu: Cpu,
-) -> _Recipe:  # fmt: skip
-    names = [name for name, _ in units]
-    odd = [name for name in names if not _NAME.fullmatch(name)] + [n for n in headers if not _HEADER.fullmatch(n)]
+def _checked(texts: Texts) -> Texts:
+    """Return texts; raise if names are odd or at odds."""
+    names = [name for name, _ in texts.units]
+    odd = [name for name in names if not _NAME.fullmatch(name)] + [n for n in texts.headers if not _HEADER.fullmatch(n)]
     if not names or odd or len(set(names)) < len(names):
         raise SolverError(
             f"build: names of units and headers - got {odd or names}, expected at least one unit, each with a plain "
             "name of its own; name them so"
         )
-    if unknown := sorted(set(flags_per_unit) - set(names)):
+    if unknown := sorted(set(texts.flags_per_unit) - set(names)):
         raise SolverError(f"build: flags_per_unit - got {unknown}, expected names of units {names}; correct the names")
+    return texts
+
+
+def _checked_width(width: int) -> int:
     if width not in (1, 2, 4, 8):
         raise SolverError(f"build: width - got {width}, expected 1, 2, 4 or 8; leave it out for this machine's")
+    return width
+
+
+def _written(flags: Sequence[str], width: int, cpu: Cpu) -> tuple[str, ...]:
+    """Return flags as the compiler reads them."""
     wide = ("-mprefer-vector-width=512",) if width == 8 and cpu.machine == "x86_64" else ()
-
-    def written(given: Sequence[str]) -> tuple[str, ...]:
-        return tuple(word for flag in given for word in ((cpu.native, *wide) if flag == "{native}" else (flag,)))
-
-    by_unit = {name: written(flags_per_unit.get(name, flags)) for name in names}
-    return _Recipe(tuple((n, t) for n, t in units), dict(headers), by_unit, tuple(link), width, version)
+    return tuple(word for flag in flags for word in ((cpu.native, *wide) if flag == "{native}" else (flag,)))
 
 
-def _compile(recipe: _Recipe, compiler: Compiler, cpu: Cpu, folder: Path, progress: Progress | None) -> Path:
+def _compile(
+    recipe: _Recipe, texts: Texts, compiler: Compiler, cpu: Cpu, folder: Path, progress: Progress | None
+) -> Path:
     """Compile and link in a private folder; return the library's file in it."""
     told = progress or (lambda done, steps, name: None)
-    for name, text in recipe.headers.items():
+    for name, text in texts.headers.items():
         _write(folder / name, text)
-    for name, text in recipe.units:
+    for name, text in texts.units:
         _write(folder / f"{name}.c", text)
-    steps = len(recipe.units) + 1
+    steps = len(texts.units) + 1
     told(0, steps, "")
     runner = _Runner(compiler, folder)
     common = ("-std=gnu11", "-fPIC", "-w", f"-DPIAFFE_W={recipe.width}")
-    longest_first = sorted(recipe.units, key=lambda unit: -len(unit[1]))
-    with ThreadPoolExecutor(min(len(recipe.units), _cores())) as pool:
+    flags = {name: _written(texts.flags_per_unit.get(name, recipe.flags), recipe.width, cpu) for name, _ in texts.units}
+    longest_first = sorted(texts.units, key=lambda unit: -len(unit[1]))
+    with ThreadPoolExecutor(min(len(texts.units), _cores())) as pool:
         try:
             jobs = {
-                pool.submit(runner, name, (*common, *recipe.flags[name], "-c", f"{name}.c", "-o", f"{name}.o")): name
+                pool.submit(runner, name, (*common, *flags[name], "-c", f"{name}.c", "-o", f"{name}.o")): name
                 for name, _ in longest_first
             }
             for done, job in enumerate(as_completed(jobs), start=1):
@@ -243,7 +281,7 @@ def _compile(recipe: _Recipe, compiler: Compiler, cpu: Cpu, folder: Path, progre
             raise
     # what is missing is to show now, not when the library is loaded; a sanitizer comes with the program
     whole = () if any(flag.startswith("-fsanitize") for flag in recipe.link) else ("-Wl,-z,defs",)
-    objects = [f"{name}.o" for name, _ in recipe.units]
+    objects = [f"{name}.o" for name, _ in texts.units]
     runner("link", ("-shared", "-o", LIBRARY, *objects, *whole, *recipe.link))
     told(steps, steps, "link")
     return folder / LIBRARY

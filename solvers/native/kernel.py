@@ -13,6 +13,9 @@ from .elimination import Elimination, eliminate
 from .entries import Entries
 from .tables import defines, dynamics_rows, table
 
+MODE_FUNCTIONS = ("implicit", "stage", "stage_d", "terminal", "terminal_d")
+LINK_FUNCTIONS = ("implicit", "reset", "reset_d")
+"""The functions of a mode and of a transition that a kernel is made from."""
 WHOLE_VECTORS = 8
 """What a function puts out for one node is filled up to a multiple of this many numbers."""
 

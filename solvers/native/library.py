@@ -9,9 +9,9 @@ from functools import lru_cache
 
 from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
 
-from .build import SOLVER_FLAGS, Built, build, load
+from .build import SOLVER_FLAGS, Built, Origin, Texts, build, load
 from .cpu import this_cpu
-from .program import program
+from .program import origin, program
 
 KERNEL_FLAGS = (*SOLVER_FLAGS, *(("-mprefer-vector-width=512",) if this_cpu().machine == "x86_64" else ()))
 
@@ -57,13 +57,16 @@ def library_for(
 
 @lru_cache(maxsize=16)
 def _library(structure: _Structure) -> Library:
-    sources = program(structure.modes, structure.links)
+    modes, links = structure.modes, structure.links
+
+    def texts() -> Texts:
+        made = program(modes, links)
+        return Texts([*made.expressions, *made.kernels], made.headers, {name: KERNEL_FLAGS for name, _ in made.kernels})
+
     built = build(
-        [*sources.expressions, *sources.kernels],
-        headers=sources.headers,
-        flags_per_unit={name: KERNEL_FLAGS for name, _ in sources.kernels},
+        Origin([*origin(modes, links), *KERNEL_FLAGS], texts),
         width=structure.width,
-        label=" + ".join(dict.fromkeys(mode.model.name for mode in structure.modes)),
+        label=" + ".join(dict.fromkeys(mode.model.name for mode in modes)),
         progress=structure.progress,
     )
-    return Library(load(built), built, structure.modes, structure.links)
+    return Library(load(built), built, modes, links)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import ctypes as ct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import CompiledProblem
+from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
 
 from ..options import Options
 from ..riccati import Sweep
@@ -17,6 +18,59 @@ from . import structs as s
 from .library import Library
 
 Array = NDArray[np.float64]
+
+_CHUNK = 2**17  # doubles that arrays are cut from
+_LINE = 8  # doubles in a line of the cache
+
+
+@dataclass(frozen=True)
+class Rows:
+    """How many numbers of each kind a node has: parameters, rows, implicit variables and factors of their matrix."""
+
+    p: int
+    residual: int = 0
+    g: int = 0
+    h: int = 0
+    z: int = 0
+    factors: int = 0
+
+    def of_block(self) -> dict[str, int]:
+        """Return how many numbers per node each array of a block holds."""
+        values = {"z": self.z, "residual": self.residual, "g": self.g, "h": self.h, "factors": self.factors}
+        return {
+            **values, **{name + "0": count for name, count in values.items()},
+            "relaxation": self.g, "shift": self.g, "multiplier": self.h, "penalty": self.h,
+            "weight": self.residual, "g_mask": self.g, "h_mask": self.h, "p": self.p,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Lanes:
+    """Blocks of one kind and size: nodes (phase, index), W of them side by side in each.
+
+    Args:
+        kind: ``"stage"``, ``"end"`` or ``"link"``.
+        nodes: phase and index of each, phase by phase.
+        blocks: arrays by name of each block, (rows W,).
+        width: W.
+    """
+
+    kind: str
+    nodes: list[tuple[int, int]]
+    blocks: list[dict[str, Array]]
+    width: int
+
+    def write(self, name: str, table: Array, spare: float | None = None) -> None:
+        """Write rows per node, (nodes, rows); lanes beyond the nodes are ``spare``, or repeat the block's first."""
+        for first, block in zip(range(0, len(table), self.width), self.blocks, strict=True):
+            lanes, own = block[name].reshape(-1, self.width), table[first : first + self.width].T
+            lanes[:, : own.shape[1]] = own
+            lanes[:, own.shape[1] :] = own[:, :1] if spare is None else spare
+
+    def read(self, name: str) -> Array:
+        """Return rows per node, (nodes, rows)."""
+        lanes = [block[name].reshape(-1, self.width).T for block in self.blocks]
+        return np.concatenate(lanes)[: len(self.nodes)]
 
 
 class Machine:
@@ -36,10 +90,11 @@ class Machine:
         self.library.piaffe_solve.restype = ct.c_int
         self.library.piaffe_merit.restype = ct.c_double
         self._kept: list[Any] = []
+        self._free = np.zeros(0)
         self.arrays: list[dict[str, Array]] = []
         self.c = self.types.Problem()
         self.phases = self._phases(modes)
-        self.blocks: list[tuple[list[tuple[int, int]], str, dict[str, Array]]] = []
+        self.lanes: list[Lanes] = []
         groups = [self._group(number, mode) for number, mode in enumerate(modes)]
         linked = [self._link(number, link) for number, link in enumerate(links)]
         self.c.num_phases, self.c.num_groups, self.c.num_links = len(problem.phases), len(groups), len(linked)
@@ -47,11 +102,11 @@ class Machine:
         self.c.groups = self._keep((self.types.Group * max(len(groups), 1))(*groups))
         self.c.links = self._keep((self.types.Group * max(len(linked), 1))(*linked))
         self.initial = self._array(problem.initial.size, problem.initial)
-        self.c.initial = self._pointer(self.initial)
+        self.c.initial = self.initial.ctypes.data
         self.history = self._keep((s.Record * options.max_iterations)())
         self.c.history = self.history
         most = max([1] + [sum(map(len, mode.rows.values())) for mode in modes])
-        self.c.slope, self.c.curvature = (self._pointer(self._array(most * width)) for _ in range(2))
+        self.c.slope, self.c.curvature = (self._array(most * width).ctypes.data for _ in range(2))
         for name in s.OPTIONS:
             value = getattr(options, name)
             setattr(self.c.options, name, 0.0 if value is None else value)
@@ -63,21 +118,19 @@ class Machine:
         return thing
 
     def _array(self, size: int, values: Array | float | None = None) -> Array:
-        """Return an array of doubles aligned to 64 bytes."""
-        raw = self._keep(np.zeros(max(size, 1) + 8))
-        first = (-raw.ctypes.data % 64) // 8
-        array: Array = raw[first : first + size]
+        """Return an array of doubles aligned to 64 bytes, cut from a larger one."""
+        if self._free.size < size:
+            raw = self._keep(np.zeros(max(_CHUNK, size) + _LINE))
+            self._free = raw[(-raw.ctypes.data % 64) // 8 :]
+        array: Array = self._free[:size]
+        self._free = self._free[max(-(-size // _LINE), 1) * _LINE :]
         if values is not None:
             array[:] = np.ravel(values) if isinstance(values, np.ndarray) else values
         return array
 
-    @staticmethod
-    def _pointer(array: Array) -> Any:
-        return array.ctypes.data_as(s.Doubles)
-
     # ---- phases
 
-    def _phases(self, modes: Sequence[Any]) -> Any:
+    def _phases(self, modes: Sequence[LoweredMode]) -> Any:
         phases = self._keep((s.Phase * len(self.problem.phases))())
         for i, (c, phase) in enumerate(zip(phases, self.problem.phases, strict=True)):
             n, nx, ndx, nu = phase.num_stages, phase.mode.state.nx, phase.mode.state.ndx, phase.mode.nu
@@ -93,7 +146,7 @@ class Machine:
             arrays = {name: self._array(size) for name, size in sizes.items()}
             self.arrays.append(arrays)
             for name, array in arrays.items():
-                setattr(c, name, self._pointer(array))
+                setattr(c, name, array.ctypes.data)
             c.N, c.dt = n, phase.dt
             c.mode = ct.addressof(ct.c_char.in_dll(self.library, f"mode{list(modes).index(phase.mode)}_table"))
             if i + 1 < len(phases):
@@ -102,7 +155,7 @@ class Machine:
 
     # ---- blocks
 
-    def _group(self, number: int, mode: Any) -> Any:
+    def _group(self, number: int, mode: LoweredMode) -> Any:
         """Return the group of a mode: its stages and its phase ends, W to a block."""
         phases = [(i, phase) for i, phase in enumerate(self.problem.phases) if phase.mode is mode]
         stages = [(i, k) for i, phase in phases for k in range(phase.num_stages)]
@@ -111,74 +164,61 @@ class Machine:
         group = self.types.Group()
         sizes = s.ModeSizes.in_dll(self.library, f"mode{number}_table")
         group.mode = ct.addressof(sizes)
-        blocks = [
-            self._block(part, "stage", rows["stage_residual"], rows["stage_g"], rows["stage_h"], mode.nz, sizes.nf)
-            for part in self._parts(stages)
-        ]
-        last = [
-            self._block(part, "end", rows["terminal_residual"], rows["terminal_g"], rows["terminal_h"])
-            for part in self._parts(ends)
-        ]
-        group.num_blocks, group.num_ends = len(blocks), len(last)
-        group.blocks = self._keep((self.types.Block * max(len(blocks), 1))(*blocks))
-        group.ends = self._keep((self.types.Block * max(len(last), 1))(*last))
+        size = mode.layout.size
+        stage = Rows(size, rows["stage_residual"], rows["stage_g"], rows["stage_h"], mode.nz, sizes.nf)
+        end = Rows(size, rows["terminal_residual"], rows["terminal_g"], rows["terminal_h"])
+        group.blocks, group.num_blocks = self._blocks("stage", stages, stage)
+        group.ends, group.num_ends = self._blocks("end", ends, end)
         return group
 
-    def _link(self, number: int, link: Any) -> Any:
+    def _link(self, number: int, link: LoweredTransition) -> Any:
         """Return the group of a transition."""
         where = [(i, phase.num_stages) for i, phase in enumerate(self.problem.phases) if phase.transition is link]
         group = self.types.Group()
         sizes = s.TransitionSizes.in_dll(self.library, f"link{number}_table")
         group.transition = ct.addressof(sizes)
-        blocks = [self._block(part, "link", 0, 0, 0, link.nz, sizes.nf) for part in self._parts(where)]
-        group.num_blocks = len(blocks)
-        group.blocks = self._keep((self.types.Block * max(len(blocks), 1))(*blocks))
+        group.blocks, group.num_blocks = self._blocks(
+            "link", where, Rows(link.layout.size, z=link.nz, factors=sizes.nf)
+        )
         return group
 
-    def _parts(self, nodes: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
-        return [nodes[i : i + self.width] for i in range(0, len(nodes), self.width)]
+    def _blocks(self, kind: str, nodes: list[tuple[int, int]], rows: Rows) -> tuple[Any, int]:
+        """Return the blocks of some nodes, and how many they are."""
+        parts = [nodes[i : i + self.width] for i in range(0, len(nodes), self.width)]
+        own = self._keep((self.types.Block * max(len(parts), 1))())
+        arrays = [self._block(block, part, rows) for block, part in zip(own, parts, strict=False)]
+        self.lanes.append(Lanes(kind, nodes, arrays, self.width))
+        self._fill(self.lanes[-1])
+        return own, len(parts)
 
-    def _block(
-        self, nodes: list[tuple[int, int]], kind: str, nr: int, ng: int, nh: int, nz: int = 0, nf: int = 0
-    ) -> Any:
-        block = self.types.Block()
+    def _block(self, block: Any, nodes: list[tuple[int, int]], rows: Rows) -> dict[str, Array]:
+        """Give a block its nodes and its arrays."""
         block.count = len(nodes)
         for lane, (i, k) in enumerate(nodes):
             block.phase[lane], block.index[lane] = i, k
             block.dt[lane] = self.problem.phases[i].dt
         arrays: dict[str, Array] = {}
-        for name, rows in (("z", nz), ("residual", nr), ("g", ng), ("h", nh), ("factors", nf)):
-            arrays[name], arrays[name + "0"] = self._array(rows * self.width), self._array(rows * self.width)
-        for name, rows in (("relaxation", ng), ("shift", ng), ("multiplier", nh), ("penalty", nh)):
-            arrays[name] = self._array(rows * self.width)
-        for name, rows in (("weight", nr), ("g_mask", ng), ("h_mask", nh)):
-            arrays[name] = self._array(rows * self.width)
-        arrays["p"] = self._array(self.width * self._numbers(nodes[0], kind, "p").size)
-        for name, array in arrays.items():
-            setattr(block, name, self._pointer(array))
-        self.blocks.append((nodes, kind, arrays))
-        self._fill(nodes, kind, arrays)
-        return block
+        for name, count in rows.of_block().items():
+            arrays[name] = self._array(count * self.width)
+            setattr(block, name, arrays[name].ctypes.data)
+        return arrays
 
-    def _numbers(self, node: tuple[int, int], kind: str, name: str) -> Array:
-        phase, k = self.problem.phases[node[0]], node[1]
-        if kind == "link":
-            return phase.p_transition if name == "p" else np.zeros(0)
-        if kind == "stage":
-            table = {"p": phase.p, "weight": phase.weight, "g_mask": phase.g_mask, "h_mask": phase.h_mask}[name]
-            row: Array = table[k]
-            return row
-        return {
-            "p": phase.p_end, "weight": phase.end_weight, "g_mask": phase.end_g_mask, "h_mask": phase.end_h_mask
-        }[name]  # fmt: skip
-
-    def _fill(self, nodes: list[tuple[int, int]], kind: str, arrays: dict[str, Array]) -> None:
-        """Write parameters, weights and masks of a block; lanes beyond the nodes repeat the first and weigh nothing."""
-        for name in ("p", "weight", "g_mask", "h_mask"):
-            rows = np.stack([self._numbers(node, kind, name) for node in nodes])
-            spare = self.width - len(nodes)
-            filler = np.repeat(rows[:1], spare, axis=0) if name == "p" else np.zeros((spare, rows.shape[1]))
-            arrays[name][:] = np.concatenate([rows, filler]).T.reshape(-1)
+    def _fill(self, lanes: Lanes) -> None:
+        """Write parameters, weights and masks of nodes; lanes beyond them repeat a first one and weigh nothing."""
+        phases = [self.problem.phases[i] for i in dict.fromkeys(i for i, _ in lanes.nodes)]
+        if not phases:
+            return
+        if lanes.kind == "link":
+            lanes.write("p", np.array([phase.p_transition for phase in phases]))
+        elif lanes.kind == "end":
+            lanes.write("p", np.array([phase.p_end for phase in phases]))
+            lanes.write("weight", np.array([phase.end_weight for phase in phases]), spare=0.0)
+            lanes.write("g_mask", np.array([phase.end_g_mask for phase in phases]), spare=0.0)
+            lanes.write("h_mask", np.array([phase.end_h_mask for phase in phases]), spare=0.0)
+        else:
+            lanes.write("p", np.concatenate([phase.p for phase in phases]))
+            for name in ("weight", "g_mask", "h_mask"):
+                lanes.write(name, np.concatenate([getattr(phase, name) for phase in phases]), spare=0.0)
 
     def fault(self) -> str:
         """Return where a step or its derivative is not finite in the solver's own memory; empty if nowhere.
@@ -200,41 +240,37 @@ class Machine:
         """Turn to another problem of the same phases and functions, which differs in its numbers alone."""
         self.problem = problem
         self.initial[:] = problem.initial
-        for nodes, kind, arrays in self.blocks:
-            self._fill(nodes, kind, arrays)
+        for lanes in self.lanes:
+            self._fill(lanes)
 
     # ---- rows in lanes and back
 
     def write_rows(self, name: str, kind: str, values: list[Array]) -> None:
         """Write per-row values, (N, rows) per phase for stages or (rows,) for ends, into the lanes."""
-        for nodes, own, arrays in self.blocks:
-            if own != kind:
-                continue
-            lanes = arrays[name].reshape(-1, self.width)
-            for lane in range(self.width):
-                i, k = nodes[lane] if lane < len(nodes) else nodes[0]
-                lanes[:, lane] = values[i][k] if kind == "stage" else values[i]
+        for lanes in self.lanes:
+            if lanes.kind == kind and lanes.nodes:
+                own = [values[i] for i in dict.fromkeys(i for i, _ in lanes.nodes)]
+                lanes.write(name, np.concatenate(own) if kind == "stage" else np.array(own))
 
     def read_rows(self, name: str, kind: str) -> list[Array]:
         """Return what ``write_rows`` wrote and the solver changed."""
         out: list[Array] = [np.zeros(0)] * len(self.problem.phases)
-        for nodes, own, arrays in self.blocks:
-            if own != kind:
+        for lanes in self.lanes:
+            if lanes.kind != kind or not lanes.nodes:
                 continue
-            lanes = arrays[name].reshape(-1, self.width)
-            for lane, (i, k) in enumerate(nodes):
+            table, first = lanes.read(name), 0
+            for i in dict.fromkeys(i for i, _ in lanes.nodes):
                 if kind == "end":
-                    out[i] = lanes[:, lane].copy()
+                    out[i], first = table[first], first + 1
                 else:
-                    if out[i].size == 0:
-                        out[i] = np.zeros((self.problem.phases[i].num_stages, lanes.shape[0]))
-                    out[i][k] = lanes[:, lane]
+                    count = self.problem.phases[i].num_stages
+                    out[i], first = table[first : first + count], first + count
         return out
 
     def accepted(self, i: int, name: str) -> Array:
         """Return x, u or d of the accepted iterate of a phase; the solver swaps buffers, so ask through its pointer."""
         other = {"x": "xt", "u": "ut", "d": "dt_trial"}[name]
-        here = ct.addressof(getattr(self.phases[i], name).contents)
+        here = getattr(self.phases[i], name)
         own = self.arrays[i]
         return own[name] if own[name].ctypes.data == here else own[other]
 

@@ -6,7 +6,7 @@ import ctypes as ct
 from dataclasses import dataclass
 from typing import Any
 
-Doubles = ct.POINTER(ct.c_double)
+Doubles = ct.c_void_p  # an address: pointers with a type take ten times longer to make
 
 _NUMBERS = [
     "max_defect", "max_equality", "max_inequality", "cost_tolerance", "barrier_weight", "barrier_factor", "barrier_gap",

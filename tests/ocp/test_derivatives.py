@@ -10,6 +10,7 @@ import pytest
 
 from piaffe import models, ocp
 from piaffe.models import constraints, stance
+from piaffe.ocp.batch import Batch
 from piaffe.ocp.compiled import CompiledProblem
 from piaffe.ocp.derivative_check import Finding, check_derivatives
 
@@ -182,6 +183,21 @@ def test_every_shipped_constraint_is_among_those_compared() -> None:
         if not name.startswith("_") and function.__module__ == constraints.__name__
     }
     assert public == set(SHIPPED)
+
+
+@pytest.mark.parametrize("name", ["whole body of mini_cheetah", "ball with a reset"])
+def test_at_the_guess_derivatives_are_left_out_only_of_a_smooth_implicit_part(name: str) -> None:
+    phase = compiled(name).phases[0]
+    stage_d, guess_d = (Batch(phase.mode.functions[key]) for key in ("stage_d", "guess_d"))
+    z = np.full((phase.num_stages, phase.mode.nz), 0.3)
+    x = phase.guess_states
+    every, some = (f(x[:-1], phase.guess_controls, z, phase.p, x[1:]) for f in (stage_d, guess_d))
+    by_state = slice(phase.mode.state.ndx)
+    assert not np.any(some[0][:, :, by_state])
+    every[0] = every[0].copy()
+    every[0][:, :, by_state] = 0.0
+    for all_of_it, kept in zip(every, some, strict=True):
+        np.testing.assert_allclose(kept, all_of_it, rtol=1e-12, atol=1e-12)
 
 
 def spoilt(problem: CompiledProblem, output: str) -> CompiledProblem:

@@ -17,7 +17,7 @@ import pytest
 
 from piaffe.errors import SolverError
 from piaffe.solvers.native import Cache, CompileError, NoCompilerError, build, compilers, load
-from piaffe.solvers.native.build import EXPRESSION_FLAGS, SOLVER_FLAGS, VERSION, _checked, _Recipe
+from piaffe.solvers.native.build import EXPRESSION_FLAGS, SOLVER_FLAGS, VERSION, Origin, Texts, _Recipe, _written
 from piaffe.solvers.native.cpu import this_cpu
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
@@ -144,22 +144,25 @@ def test_each_unit_may_have_flags_of_its_own() -> None:
 
 def test_flags_keep_to_ieee_754_and_this_processor() -> None:
     assert not {"-ffast-math", "-Ofast"} & {*EXPRESSION_FLAGS, *SOLVER_FLAGS}
-    recipe = _checked(UNITS, HEADER, EXPRESSION_FLAGS, {"width": SOLVER_FLAGS}, (), 4, "", this_cpu())
-    assert recipe.flags["square"][0] == "-O1"
-    assert recipe.flags["width"][0] == "-O3"
-    assert all(flags[-1] == this_cpu().native for flags in recipe.flags.values())
+    expressions, solver = (_written(flags, 4, this_cpu()) for flags in (EXPRESSION_FLAGS, SOLVER_FLAGS))
+    assert (expressions[0], solver[0]) == ("-O1", "-O3")
+    assert expressions[-1] == solver[-1] == this_cpu().native
 
 
 def test_every_ingredient_is_part_of_the_key() -> None:
-    recipe = _Recipe(UNITS, HEADER, {"square": ("-O1",), "width": ("-O1",)}, ("-lm",), 4, "1")
+    texts = Texts(UNITS, HEADER, {"width": ("-O1",)})
+    recipe = _Recipe(_origin(texts), ("-O1",), ("-lm",), 4, "1")
     compiler = compilers.Compiler(("gcc",), "gcc", "gcc 12")
     cpu = this_cpu()
     recipes = [
-        recipe, replace(recipe, units=UNITS[::-1]), replace(recipe, units=(("square", "int a;"), UNITS[1])),
-        replace(recipe, headers={"vd.h": "typedef double vd;"}), replace(recipe, headers={**HEADER, "b.h": ""}),
-        replace(recipe, flags={**recipe.flags, "width": ("-O3",)}), replace(recipe, link=()), replace(recipe, width=8),
+        recipe, replace(recipe, flags=("-O3",)), replace(recipe, link=()), replace(recipe, width=8),
         replace(recipe, version="2"),
     ]  # fmt: skip
+    recipes += [replace(recipe, origin=_origin(other)) for other in (
+        replace(texts, units=UNITS[::-1]), replace(texts, units=(("square", "int a;"), UNITS[1])),
+        replace(texts, headers={"vd.h": "typedef double vd;"}), replace(texts, headers={**HEADER, "b.h": ""}),
+        replace(texts, flags_per_unit={"width": ("-O3",)}), replace(texts, flags_per_unit={}),
+    )]  # fmt: skip
     keys = [one.key(compiler, cpu) for one in recipes]
     keys += [recipe.key(other, cpu) for other in (
         replace(compiler, version="gcc 13"), replace(compiler, kind="clang"),
@@ -169,6 +172,24 @@ def test_every_ingredient_is_part_of_the_key() -> None:
     assert len(set(keys)) == len(keys)
     assert recipe.key(replace(compiler, command=("/opt/gcc",)), cpu) == keys[0]
     assert VERSION
+
+
+def _origin(texts: Texts) -> Origin:
+    return Origin(texts.parts, lambda: texts)
+
+
+def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
+    made: list[int] = []
+
+    def texts() -> Texts:
+        made.append(1)
+        return Texts([("one", "int one(void) { return 1; }")])
+
+    first, second, other = (build(Origin(parts, texts)) for parts in (["a"], ["a"], ["b"]))
+    assert (first.built, second.built, other.built) == (True, False, True)
+    assert first.key == second.key != other.key
+    assert len(made) == 2
+    assert load(second).one() == 1
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,7 @@ def short(machine: ImageMachine) -> None:
 
 
 def forgotten(machine: ImageMachine) -> None:
-    machine.blocks[0][2]["weight"].view(np.uint64)[:] = UNTOUCHED
+    machine.lanes[0].blocks[0]["weight"].view(np.uint64)[:] = UNTOUCHED
 
 
 @pytest.mark.parametrize(
