@@ -1,20 +1,26 @@
-"""Solo12 trots towards three steps of 4 cm, or up a slope, by TD-CD-MPPI, with a value from flat ground if one is given."""
+"""Solo12 trots towards three steps of 4 cm, or up a slope, by TD-CD-MPPI with the value from flat ground."""
 
 import argparse
+from dataclasses import replace
+from pathlib import Path
 
 import trot_mppi
 
 from piaffe import sampling
 
 sampled_problem = trot_mppi.sampled_problem
-reward, options = trot_mppi.reward, trot_mppi.options
+reward, value = trot_mppi.reward, trot_mppi.value
+options = replace(
+    trot_mppi.options, p_max=0.02
+)  # a riser is high: limits of the height must not keep the robot below it
 problem = sampled_problem("stairs", horizon=10)
 
 
-def main(terrain: str = "stairs", horizon: int = 10, steps: int = 400, value: str | None = None) -> float:
-    """Run one episode and return the distance that was covered [m]."""
+def main(terrain: str = "stairs", horizon: int = 10, steps: int = 400, file: str = "") -> float:
+    """Run one episode, with a value of one's own or the one beside this file; return the distance covered [m]."""
     sampled = sampled_problem(terrain, horizon)
-    controller = sampling.TDCDMPPI(sampled, options, reward=reward, value=value, allow=("terrain",))
+    learnt = file or Path(__file__).with_name(value)
+    controller = sampling.TDCDMPPI(sampled, options, reward=reward, value=learnt, allow=("terrain", "p_max"))
     episode = sampling.run_episode(controller, steps=steps)
     print(f"{'stood' if not episode.fell else 'fell'} after {episode.times[-1]:.1f} s, {episode.distance:.2f} m")
     for name, missed in episode.missed.items():
@@ -27,5 +33,5 @@ if __name__ == "__main__":
     parser.add_argument("--terrain", default="stairs", choices=list(trot_mppi.terrains))
     parser.add_argument("--horizon", type=int, default=10)
     parser.add_argument("--steps", type=int, default=400)
-    parser.add_argument("--value", help="made by train_value.py")
+    parser.add_argument("--file", default="", help="another value, made by train_value.py")
     print(f"{main(**vars(parser.parse_args())):.2f} m")

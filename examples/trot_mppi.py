@@ -1,5 +1,7 @@
 """Solo12 trots at 0.3 m/s: one declaration, optimised by MSiLQR and run by TD-CD-MPPI on MuJoCo roll-outs."""
 
+from pathlib import Path
+
 import casadi as cs
 
 from piaffe import models, ocp, sampling, solvers
@@ -38,7 +40,8 @@ terrains = {
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
 reward = sampling.Reward(scale=0.3)
-options = sampling.Options(samples=512, sigma=0.5, p_max=0.05, discount=0.95)
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.05, discount=0.95)  # without the value p_max should be 0.5
+value = "solo12_trot.value"  # learnt by train_value.py, on flat ground
 
 
 @ocp.residual
@@ -64,7 +67,7 @@ def sampled_problem(terrain: str = "flat", horizon: int = 8, penalties: bool = F
 def main(steps: int = 400) -> float:
     """Solve the trot, then run it on MuJoCo; return the speed that was reached there [m/s]."""
     print(solvers.MSiLQR(problem).solve().raise_if_failed())
-    controller = sampling.TDCDMPPI(sampled_problem(), options, reward=reward)
+    controller = sampling.TDCDMPPI(sampled_problem(), options, reward=reward, value=Path(__file__).with_name(value))
     episode = sampling.run_episode(controller, steps=steps)
     for name, missed in episode.missed.items():
         print(f"{name}: {100 * missed:.2f} % beyond its limit in the mean")

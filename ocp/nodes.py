@@ -12,6 +12,7 @@ from piaffe.errors import ProblemError
 from .compile import RUNNING, Compilation
 from .lowering import LoweredMode
 from .model import Sample
+from .path import Interval
 from .problem import Problem
 from .term import At
 from .timeline import Stretch
@@ -91,6 +92,10 @@ class Nodes:
         """Return the motion's targets at node k."""
         self._fill(k + 1)
         return self._samples[k]
+
+    def interval(self, k: int) -> Interval:
+        """Return the phase at node k; the later one on a boundary, the last one beyond the motion's end."""
+        return self._path.interval_at(self._time(k))
 
     # ---- filling
 

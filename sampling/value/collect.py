@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, field
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,6 +24,7 @@ from ..td_cd import TDCDMPPI
 from .dataset import Dataset, Records
 from .fingerprint import fingerprint, plain
 from .inputs import ValueInputs
+from .store import digest
 
 Array = NDArray[np.float64]
 Listener = Callable[[int, int], None]
@@ -214,7 +214,7 @@ def made_for(problem: Problem, options: CollectOptions, reward: Reward, value: P
     nodes = Nodes(problem)
     entries = fingerprint(nodes, reward, options.follow, ValueInputs.standard(nodes))
     settings = {name: value for name, value in plain(options).items() if name not in ("shards", "rounds", "kind")}
-    settings["value"] = None if value is None else sha256(value.read_bytes()).hexdigest()
+    settings["value"] = None if value is None else digest(value)
     made = {"of": entries, "simulator": simulator_of(nodes.model), "options": settings}
     return {**made, "constraints": list(constraints_of(nodes))}
 

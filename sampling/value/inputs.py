@@ -16,7 +16,6 @@ from piaffe.models import base
 from piaffe.ocp import Cost, LoweredMode, rotation
 from piaffe.ocp.given import call
 from piaffe.ocp.nodes import Nodes
-from piaffe.ocp.path import Interval
 from piaffe.ocp.view import NodeView, Values, column
 
 from ..evaluators import EngineName, Rows, rows
@@ -199,7 +198,7 @@ def clock(nodes: Nodes, k: int) -> float:
 
     Of a piece of motion without a cycle it is half a turn from start to end.
     """
-    interval = _interval(nodes, k)
+    interval = nodes.interval(k)
     piece = nodes.problem.motion.pieces[interval.piece]
     since = min(k * nodes.dt, interval.end) - interval.start
     once = sum(phase.duration for phase in piece.once)
@@ -213,17 +212,6 @@ def clock(nodes: Nodes, k: int) -> float:
         done = (interval.index - len(piece.once)) % len(piece.cycle)
         before = sum(phase.duration for phase in piece.cycle[:done])
     return float(2 * np.pi * (before + since) / period)
-
-
-def _interval(nodes: Nodes, k: int) -> Interval:
-    """Return the phase at node k; the later one on a boundary, the last one beyond the motion's end."""
-    found = None
-    for interval in nodes.problem.motion.intervals():
-        if found is not None and k * nodes.dt < interval.start - 1e-9:
-            break
-        found = interval
-    assert found is not None  # a motion has a phase
-    return found
 
 
 # ---- lowering

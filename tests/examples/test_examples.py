@@ -187,4 +187,4 @@ def test_the_trot_is_optimised_and_sampled(load):
 def test_a_value_learned_on_flat_ground_serves_on_stairs(load, tmp_path):
     file = str(tmp_path / "some.value")
     assert load("train_value").main(file, shards=1, updates=50, episodes=2) > 0.0
-    assert abs(load("stairs_mppi").main(steps=15, value=file)) < 0.1  # it has only begun
+    assert abs(load("stairs_mppi").main(steps=15, file=file)) < 0.1  # it has only begun

@@ -193,6 +193,24 @@ def test_collecting_goes_on_where_it_was_cut_off(plant: models.Mujoco, tmp_path:
         collect(trot_problem(plant=harder), tmp_path / "cut", SMALL)
 
 
+def test_first_round_is_followed_alone_and_later_ones_begin_in_roll_outs_with_the_value(
+    plant: models.Mujoco, tmp_path: Path
+) -> None:
+    pytest.importorskip("flax")
+    problem, alone = trot_problem(plant=plant), replace(SMALL.follow, p_max=0.9)
+    options = replace(SMALL, alone=alone)
+    first = Actors.of(problem, options, Reward())
+    assert first.explore.options == SMALL.explore
+    assert not isinstance(first.explore, TDCDMPPI)
+    assert first.follow.options == alone
+    file = tmp_path / "trot.value"
+    train_value(problem, file, collecting=options, learning=LEARN, progress=False)
+    later = Actors.of(problem, options, Reward(), file)
+    for controller in (later.explore, later.follow):
+        assert controller.options == SMALL.follow
+        assert controller.value is not None
+
+
 def test_executor_makes_the_same_shards(plant: models.Mujoco, tmp_path: Path) -> None:
     problem = trot_problem(plant=plant)
     with ThreadPoolExecutor(1) as executor:

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +111,14 @@ def test_curves_have_a_point_per_interval_and_end_well_on_held_out_episodes() ->
     assert learned.curves["held_out_error"][-1] < 0.1 * learned.curves["held_out_error"][0]
 
 
+def test_weight_decay_keeps_a_network_from_learning_noise_by_heart() -> None:
+    noise = chain(np.random.default_rng(1).uniform(0.0, 1.0, (30, 20)))
+    options = replace(SMALL, updates=2000)
+    free, held = (learn(noise, replace(options, weight_decay=decay)) for decay in (0.0, 30.0))
+    assert held.curves["loss"][-1] > 1.2 * free.curves["loss"][-1]
+    assert np.std(held.network(noise.inputs)) < 0.8 * np.std(free.network(noise.inputs))
+
+
 def test_resumed_learning_ends_where_learning_in_one_go_does(tmp_path: Path) -> None:
     transitions = chain(np.random.default_rng(4).uniform(size=(30, 20)))
     options = LearnOptions(**{**vars(SMALL), "updates": 1500})
@@ -155,7 +164,9 @@ def test_rows_that_do_not_match_are_refused() -> None:
         Transitions(**{**vars(chain()), "done": np.zeros(3, dtype=bool)})
 
 
-@pytest.mark.parametrize(("name", "value"), [("discount", 1.2), ("updates", 0), ("hidden", ()), ("held_out", 1.0)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("discount", 1.2), ("updates", 0), ("hidden", ()), ("held_out", 1.0), ("weight_decay", -1.0)]
+)
 def test_options_out_of_range_are_refused(name: str, value: object) -> None:
     with pytest.raises(SamplingError, match=f"{name} is out of range"):
         LearnOptions(**{name: value})

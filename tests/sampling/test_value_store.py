@@ -3,6 +3,7 @@ import os
 import subprocess
 import sys
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +17,7 @@ from piaffe.ocp.nodes import Nodes
 from piaffe.sampling import Options, Reward
 from piaffe.sampling.value import Network, Value, ValueInputs, fingerprint, load_value
 from piaffe.sampling.value.fingerprint import differences, plain
+from piaffe.sampling.value.store import digest
 
 from .test_value_network import make
 from .value_problem import trot_problem
@@ -75,6 +77,15 @@ def test_saved_value_is_loaded_as_it_was(value: Value, trot: Any, tmp_path: Path
     assert again.fall == value.fall
     assert path.read_bytes() == value.save(tmp_path / "other").read_bytes()
     assert [file.name for file in tmp_path.iterdir() if file.suffix != ".value"] == []
+
+
+def test_digest_tells_values_apart_and_not_how_they_came_about(value: Value, tmp_path: Path) -> None:
+    files = [tmp_path / f"{name}.value" for name in ("one", "two", "other")]
+    value.save(files[0])
+    replace(value, record={"command": "another"}).save(files[1])
+    replace(value, network=replace(value.network, head_bias=value.network.head_bias + 1.0)).save(files[2])
+    assert digest(files[0]) == digest(files[1])
+    assert digest(files[0]) != digest(files[2])
 
 
 def test_half_precision_halves_the_file_and_hardly_changes_values(value: Value, trot: Any, tmp_path: Path) -> None:
