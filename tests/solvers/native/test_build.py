@@ -416,7 +416,7 @@ def test_threads_may_build_at_once() -> None:
 def test_a_library_of_another_processor_is_built_anew_and_never_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     here = this_cpu()
     built = build(UNITS, headers=HEADER, width=4)
-    other = replace(here, features=here.features - {"avx512f"})
+    other = replace(here, features=here.features - {min(here.features)})  # this one, without something that it has
     monkeypatch.setattr(sys.modules[build.__module__], "this_cpu", lambda: other)
     with pytest.raises(SolverError, match="damaged or was made for another processor"):
         load(built)
