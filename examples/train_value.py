@@ -12,6 +12,7 @@ import trot_mppi
 
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
 
+problem = trot_mppi.sampled_problem
 follow = replace(trot_mppi.options, samples=192, first_stages=3, threads=1)
 collecting = CollectOptions(
     shards=16,
@@ -44,7 +45,7 @@ def main(
     pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn")) if workers else nullcontext()
     with pool as executor:
         value = train_value(
-            trot_mppi.sampled_problem, out, reward=trot_mppi.reward, executor=executor,
+            problem, out, reward=trot_mppi.reward, executor=executor,
             collecting=replace(collecting, shards=shards, episodes=episodes),
             learning=replace(learning, updates=updates),
         )  # fmt: skip
