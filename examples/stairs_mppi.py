@@ -10,9 +10,8 @@ from piaffe import sampling
 
 sampled_problem = trot_mppi.sampled_problem
 reward, value = trot_mppi.reward, trot_mppi.value
-options = replace(
-    trot_mppi.options, p_max=0.02
-)  # a riser is high: limits of the height must not keep the robot below it
+# a riser is high: limits of the height must not keep the robot below it
+options = replace(trot_mppi.options, p_max=0.01)
 problem = sampled_problem("stairs", horizon=10)
 
 

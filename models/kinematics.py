@@ -286,7 +286,17 @@ class Kinematics:
 
 
 def _least(jacobian: Array, rate: Array, damping: Array) -> Array:
-    """Return Jᵀ (J Jᵀ + λ I)⁻¹ r, (k, m, S), for J (3, k, m, S) and r (3, m, S), by cofactors."""
+    """Return Jᵀ (J Jᵀ + λ I)⁻¹ r, (k, m, S), for J (3, k, m, S) and r (3, m, S), by cofactors.
+
+    Of legs of fewer than three joints by elimination, of the smaller (JᵀJ + λ I)⁻¹ Jᵀ r: cofactors of a matrix of rank
+    one are nothing but rounding.
+    """
+    if jacobian.shape[1] < 3:
+        rows = np.moveaxis(jacobian, (0, 1), (-2, -1))
+        columns = np.swapaxes(rows, -1, -2)
+        gram = columns @ rows + np.broadcast_to(damping, rows.shape[:-2])[..., None, None] * np.eye(rows.shape[-1])
+        found = np.linalg.solve(gram, columns @ np.moveaxis(rate, 0, -1)[..., None])
+        return np.asarray(np.moveaxis(found[..., 0], -1, 0))
     x, y, z = jacobian
     xx, yy, zz = (np.sum(row * row, axis=0) + damping for row in (x, y, z))
     xy, xz, yz = np.sum(x * y, axis=0), np.sum(x * z, axis=0), np.sum(y * z, axis=0)

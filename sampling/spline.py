@@ -50,7 +50,8 @@ class Spline:
         library = _library()
         if library is None:
             return np.asarray(centre + half * np.clip(self.to_controls @ nodes, -1.0, 1.0))
-        count, nodes = len(nodes), np.ascontiguousarray(nodes)
+        count = len(nodes)
+        nodes, centre, half = (np.ascontiguousarray(each, dtype=float) for each in (nodes, centre, half))
         controls = np.empty((count, self.steps + 1, nodes.shape[2]))
         library.piaffe_controls(
             _pointer(nodes), *map(ct.c_long, nodes.shape), _pointer(self.to_controls), ct.c_long(self.steps + 1),

@@ -46,7 +46,7 @@ class CollectOptions:
         horizon: H of the controller that is followed, and of MPPI.
         nearest: an episode begins at a step of a roll-out from this one to H + 1. The paper's begin at H + 1; states
             nearer make the value good for shorter horizons too.
-        explore: options of MPPI.
+        explore: options of MPPI, in the first round.
         follow: options of the controller that is followed; γ₀ and the largest discounts are what the value is made for.
         alone: options of the controller that is followed in the first round, without a value; those of ``follow``
             unless given. What a violation costs it is a share of the rewards up to its horizon, not of all that come

@@ -46,8 +46,9 @@ def train_value(
 ) -> Value:
     """Learn the value function of the constraint-discounted controller on a problem, and write it to a file.
 
-    Three stages, as published, in as many rounds as asked for: ordinary MPPI finds states that sampled roll-outs come
-    to; the controller goes on from each of them; TD(0) learns from what it did. A run that is cut off goes on where it
+    Three stages, as published, in as many rounds as asked for: ordinary MPPI, in later rounds the controller itself,
+    finds states that sampled roll-outs come to; the controller goes on from each of them; TD(0) learns from what it
+    did. A run that is cut off goes on where it
     was when it is started again.
 
     Args:

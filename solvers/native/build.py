@@ -173,6 +173,11 @@ def build(
     cpu = this_cpu()
     cache = cache or Cache()
     if isinstance(units, Origin):
+        if headers or flags_per_unit:
+            raise SolverError(
+                "build: headers and flags of an origin's texts - got them as arguments, expected none; let its texts "
+                "have them"
+            )
         origin = units
     else:
         texts = _checked(Texts(tuple(units), dict(headers or {}), dict(flags_per_unit or {})))

@@ -19,8 +19,11 @@ TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encod
     "solver.c",
 )}  # fmt: skip
 
-
-_MAKERS = ("elimination.py", "entries.py", "kernel.py", "program.py", "tables.py")
+MAKERS = ("elimination.py", "entries.py", "kernel.py", "library.py", "program.py", "tables.py")
+_SOURCES = (  # read when they are imported: what they say later is not what made the texts
+    *(files(__package__).joinpath(name).read_text(encoding="utf-8") for name in MAKERS),
+    Path(lanes.__file__).read_text(encoding="utf-8"),
+)
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,7 @@ def origin(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...])
 
     To write the functions out as CasADi does takes a tenth of the time that it takes to lower them to C.
     """
-    parts = [cs.CasadiMeta.version(), lanes.LANES_H, Path(lanes.__file__).read_text(encoding="utf-8")]
-    parts += [files(__package__).joinpath(name).read_text(encoding="utf-8") for name in _MAKERS]
+    parts = [cs.CasadiMeta.version(), lanes.LANES_H, *_SOURCES]
     parts += [part for entry in TEMPLATES.items() for part in entry]
     for mode in modes:
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]

@@ -5,6 +5,7 @@ import pinocchio
 import pytest
 
 from piaffe import models
+from piaffe.models.kinematics import _least
 from piaffe.models.loaders import names
 from piaffe.models.robot import to_pinocchio
 
@@ -93,3 +94,15 @@ def test_standing_pose_puts_feet_below_their_neutral_places_with_knees_behind(le
     for group in legs.groups:
         _, origins, _ = group.walk(pose[group.joints])
         assert np.all(origins[:, -1, 0] <= feet[group.feet, 0] + 1e-6)
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+def test_damped_inverse_of_a_straight_leg_is_the_least_motion(joints):
+    rng = np.random.default_rng(3)
+    jacobian = rng.normal(size=(3, 1)) * rng.uniform(0.2, 1.0, joints)  # of rank one
+    if joints == 3:
+        jacobian[:, 0] += rng.normal(size=3)
+    rate, damping = rng.normal(size=3), 1e-9
+    expected = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(3), rate)
+    found = _least(jacobian[..., None, None], rate[:, None, None], np.array(damping))[:, 0, 0]
+    assert found == pytest.approx(expected, rel=1e-4)

@@ -107,3 +107,12 @@ def test_values_of_unknown_make_are_refused(problem):
     controller = TDCDMPPI(problem, engine="mjx", samples=4, value=lambda states, k, nodes: np.ones(len(states)))
     with pytest.raises(SamplingError, match="value cannot be compiled - got function"):
         FusedStage(controller)
+
+
+def test_plan_on_the_device_tells_the_controls_of_its_nodes(problem):
+    controller = MPPI(problem, samples=SAMPLES, engine="mjx", first_stages=1)
+    plan = controller.plan(problem.initial, 0.0)
+    action = problem.schedule.segments[0].model.action
+    share = np.clip(controller.spline.to_controls @ controller._plan, -1.0, 1.0)
+    assert plan.controls == pytest.approx(action.centre + action.half_range * share, abs=1e-6)
+    assert plan.action == pytest.approx(plan.controls[0])

@@ -62,6 +62,14 @@ def test_controls_are_clipped_splines_in_units_in_c_and_in_numpy(knots, steps, m
         assert each == pytest.approx(centre + half * np.clip(raw, -1.0, 1.0), abs=1e-14)
 
 
+def test_controls_of_plans_in_single_precision_are_theirs():
+    nodes = np.random.default_rng(1).uniform(-1, 1, (3, 5, 2)).astype(np.float32)
+    centre, half = np.array([0.5, -0.5], dtype=np.float32), np.ones(2, dtype=np.float32)
+    spline = Spline(4, 8)
+    expected = centre + np.clip(np.einsum("hj,njc->nhc", spline.to_controls, nodes), -1.0, 1.0)
+    assert spline.controls(nodes, centre, half) == pytest.approx(expected, abs=1e-6)
+
+
 def test_the_first_control_is_the_first_node_to_the_last_bit():
     nodes = np.random.default_rng(0).uniform(-1, 1, (7, 5, 3))
     nodes[:, 0] = nodes[0, 0]

@@ -17,7 +17,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,7 @@ OF_EXAMPLES = (
     "own_dynamics", "own_terms", "randomised_mass", "run_roll_run", "trot_mppi",
 )  # fmt: skip
 SMALL = tuple(name for name in ALL if name != "landing")
+STRAIGHT = ("-O0",)  # expressions have no branches to optimise, and take minutes with sanitizers and -O1
 COMMON = ("-std=gnu11", "-w", "-O1", "-g", "-fno-omit-frame-pointer", "-fno-math-errno", "-ffp-contract=fast")
 SANITIZE = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 MEMCHECK = ("valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", "--track-origins=yes")
@@ -55,12 +56,14 @@ class Tool:
         flags: for compiler and linker.
         command: what runs the program.
         widths: lanes to try.
+        example: lanes of an example.
         cpu: the flag for the processor.
     """
 
     flags: tuple[str, ...]
     command: tuple[str, ...]
     widths: tuple[int, ...]
+    example: int
     cpu: str
 
 
@@ -69,8 +72,8 @@ def _without_avx512() -> str:
 
 
 TOOLS = {
-    "sanitizers": Tool(SANITIZE, (), (1, 4, 8), this_cpu().native),
-    "valgrind": Tool(("-DUNDEFINED",), MEMCHECK, (4, 1), _without_avx512()),  # which does not know AVX-512
+    "sanitizers": Tool(SANITIZE, (), (1, 4, 8), this_cpu().lanes, this_cpu().native),
+    "valgrind": Tool(("-DUNDEFINED",), MEMCHECK, (4, 1), 4, _without_avx512()),  # which does not know AVX-512
 }
 
 
@@ -117,6 +120,7 @@ def check(
     cold = solver.solve()
     half = MSiLQR(problem, replace(options, max_iterations=max(cold.iterations // 2, 1)), backend="numpy").solve()
     expected = [cold, solver.solve(half)]
+    program_file = _program(problem, tool, width)
     with tempfile.TemporaryDirectory() as folder:
         images = []
         library, _ = library_for(problem, width=width)
@@ -128,7 +132,6 @@ def check(
             images.append(Path(folder, f"{k}.image"))
             spoil(machine)
             machine.save(images[-1], resumed)
-        program_file = _compile(problem, tool, width, Path(folder))
         environment = {**os.environ, "UBSAN_OPTIONS": "print_stacktrace=1"}
         command = [*tool.command, str(program_file), *map(str, images)]
         ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
@@ -145,12 +148,10 @@ def check(
     return expected
 
 
-def _compile(problem: CompiledProblem, tool: Tool, width: int, folder: Path) -> Path:
+def _program(problem: CompiledProblem, tool: Tool, width: int) -> Path:
     """Return a program of a problem's modes and ``replay.c``."""
     library, _ = library_for(problem, width=width)
     sources = program(library.modes, library.links)
-    for name, text in sources.headers.items():
-        (folder / name).write_text(text)
     names = table_names(library)
     extern = "".join(f"extern const char {name}[];\n" for name in names)
     units = {
@@ -158,17 +159,32 @@ def _compile(problem: CompiledProblem, tool: Tool, width: int, folder: Path) -> 
         "tables": f"{extern}const void *const tables[] = {{{', '.join(names)}}};\n",
         "replay": Path(__file__).with_name("replay.c").read_text(encoding="utf-8"),
     }  # fmt: skip
-    flags = [*COMMON, tool.cpu, *tool.flags, f"-DPIAFFE_W={width}"]
+    straight = frozenset(name for name, _ in sources.expressions)
+    flags = (*COMMON, tool.cpu, *tool.flags, f"-DPIAFFE_W={width}")
+    made = _compiled(tuple(units.items()), tuple(sources.headers.items()), straight, flags, tool.flags)
+    return Path(made.name, "replay")
 
-    def unit(name: str) -> None:
-        (folder / f"{name}.c").write_text(units[name])
-        _run([*working().command, *flags, "-c", f"{name}.c", "-o", f"{name}.o"], folder)
+
+@lru_cache(maxsize=4)  # gaits of one robot are one program
+def _compiled(
+    units: tuple[tuple[str, str], ...], headers: tuple[tuple[str, str], ...], straight: frozenset[str],
+    flags: tuple[str, ...], link: tuple[str, ...],
+) -> tempfile.TemporaryDirectory[str]:  # fmt: skip
+    """Return the folder of a linked program, which lasts as long as it is kept."""
+    made = tempfile.TemporaryDirectory()
+    folder = Path(made.name)
+    for name, text in headers:
+        (folder / name).write_text(text)
+
+    def unit(name: str, text: str) -> None:
+        (folder / f"{name}.c").write_text(text)
+        own = STRAIGHT if name in straight else ()
+        _run([*working().command, *flags, *own, "-c", f"{name}.c", "-o", f"{name}.o"], folder)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(unit, sorted(units, key=lambda name: -len(units[name]))))
-    objects = [f"{name}.o" for name in units]
-    _run([*working().command, *tool.flags, *objects, "-o", "replay", "-lm"], folder)
-    return folder / "replay"
+        list(pool.map(lambda each: unit(*each), sorted(units, key=lambda each: -len(each[1]))))
+    _run([*working().command, *link, *(f"{name}.o" for name, _ in units), "-o", "replay", "-lm"], folder)
+    return made
 
 
 def _run(command: Sequence[str], folder: Path) -> None:
@@ -203,7 +219,7 @@ def main() -> int:
         made: Callable[[], ocp.Problem] = ALL.get(name, lambda name=name: example(name))
         problem = compile_problem(made())
         options = None if name in ALL else Options(max_iterations=arguments.iterations)
-        for width in tool.widths if name in ALL else tool.widths[-1:] if not tool.command else tool.widths[:1]:
+        for width in tool.widths if name in ALL else (tool.example,):
             try:
                 done = check(problem, tool, width, options)
                 told = f"{done[0].iterations} + {done[1].iterations} iterations, nothing found"

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -19,6 +20,7 @@ from piaffe.errors import SolverError
 from piaffe.solvers.native import Cache, CompileError, NoCompilerError, build, compilers, load
 from piaffe.solvers.native.build import EXPRESSION_FLAGS, SOLVER_FLAGS, VERSION, Origin, Texts, _Recipe, _written
 from piaffe.solvers.native.cpu import this_cpu
+from piaffe.solvers.native.program import MAKERS
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
 pytestmark = pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
@@ -192,6 +194,14 @@ def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
     assert load(second).one() == 1
 
 
+def test_what_makes_a_solver_s_texts_is_in_their_origin() -> None:
+    package = Path(compilers.__file__).parent
+    for module in MAKERS:
+        found = re.findall(r"^from \.(\w+) import", (package / module).read_text(), re.MULTILINE)
+        others = {f"{name}.py" for name in found} - {"build.py", "cpu.py"}  # whose flags are in the key
+        assert others <= set(MAKERS), module
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
@@ -200,6 +210,7 @@ def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
         ({"units": [("../a", "")]}, "got ['../a'], expected"),
         ({"units": [("a", "")], "headers": {"/etc/a.h": ""}}, "got ['/etc/a.h'], expected"),
         ({"units": [("a", "")], "flags_per_unit": {"b": []}}, "got ['b'], expected names of units ['a']"),
+        ({"units": Origin(["a"], lambda: Texts([("a", "")])), "headers": {"a.h": ""}}, "got them as arguments"),
         ({"units": [("a", "")], "width": 3}, "width - got 3, expected 1, 2, 4 or 8"),
     ],
 )
