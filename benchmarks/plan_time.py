@@ -3,7 +3,7 @@
 The robot walks meanwhile: each turn is one step of a closed loop, in which a plan is made and then its roll-outs are
 made once more by ``mujoco.rollout`` alone, all H + 1 steps of each, with the same threads and chunks, the same memory
 kept and nothing checked: as MuJoCo comes, and once more while its clock rests, as it does in a plan. Without a value
-file a network of the same size with random weights takes its place: it costs the same, and walks worse.
+file, or with ``--random``, a network of the published size with random weights takes its place, which walks worse.
 
 Besides the time that passes, the processors' time is told, summed over threads: what a busy machine lengthens less.
 """
@@ -110,7 +110,7 @@ class Recorder:
 
 
 def random_value(controller: MPPI) -> Value:
-    """Return a value function with random weights, of the size of one that was learnt."""
+    """Return a value function with random weights, of the published size."""
     inputs = ValueInputs.standard(controller.nodes)
     sizes = (sum(inputs.spec(controller.nodes.mode).values()), *HIDDEN)
     random = np.random.default_rng(0)
@@ -189,11 +189,16 @@ def main() -> None:
     parser = arguments(__doc__ or "", repeats=100)
     parser.add_argument("--file", default=str(EXAMPLE), help="the problem")
     parser.add_argument("--value", type=Path, default=None, help="value file; random weights without one")
+    parser.add_argument(
+        "--random", action="store_true", help="random weights of the published size, not the file's value"
+    )
     parser.add_argument("--mjx", action="store_true", help="also on JAX, which compiles for half a minute")
     given = parser.parse_args()
     declared = load_declared(given.file)
     file = given.value
-    if file is None and declared.value is not None and (declared.path.parent / declared.value).exists():
+    if given.random:
+        file = None
+    elif file is None and declared.value is not None and (declared.path.parent / declared.value).exists():
         file = declared.path.parent / declared.value
     settings = [*SETTINGS, *([ON_JAX] if given.mjx and find_spec("jax") else [])]
     results: dict[str, Any] = {

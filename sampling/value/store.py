@@ -47,7 +47,8 @@ class Value:
         made_for: the fingerprint of what it was learnt for, see :mod:`piaffe.sampling.value.fingerprint`.
         record: how it was learnt: options, figures, curves, ``constraints`` and their ``c_max``, the command that made
             it; anything JSON-able.
-        fall: ``tilt`` [rad] and ``height`` [m] beyond which a robot has fallen; empty if it cannot fall.
+        fall: ``tilt`` from the ground's normal [rad] and ``height`` [m] beyond which a robot has fallen; empty if it
+            cannot fall.
     """
 
     network: Network
