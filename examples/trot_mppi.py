@@ -19,9 +19,8 @@ objective = ocp.Objective(
     ocp.track(base.orientation, weight=(0, 0, 0.6)),
     ocp.track(base.ground_normal, weight=(1, 1, 0)),  # roll and pitch, against the slope of the ground
     ocp.track(feet.height, weight=80.0),
-    ocp.track(
-        feet.reach, weight=30.0
-    ),  # without it feet that carry weight stay behind, until the robot trips over them
+    # without this feet that carry weight stay behind, until the robot trips over them
+    ocp.track(feet.reach, weight=30.0),
     ocp.track(joints.velocity, weight=1e-4),
     ocp.regularize(joints.torque, weight=1e-3),
 )

@@ -156,9 +156,8 @@ def _sensitivity(out: _Outputs, elimination: Elimination, r_w: cs.SX, d_w: cs.SX
     place, columns = elimination.place, d_w.size2()
     right = (-Entries.of(r_w)).moved(rows=place)
     each = " ".join(f"DO({k}, {r}, {c})" for k, (r, c) in enumerate(right))
-    out.add(
-        "r_w", right.values, [f"#define EACH_r_w(DO) {each}"]
-    )  # not a table: that is slower than all the rest of it
+    # not a table: that is slower than all the rest of it
+    out.add("r_w", right.values, [f"#define EACH_r_w(DO) {each}"])
     by_z = Entries.of(d_z).moved(columns=place)
     full = sorted(set(by_z.rows))
     ends = [sum(r <= row for r in by_z.rows) for row in full]
