@@ -183,10 +183,16 @@ class Kinematics:
     def feet(self, joints: Array) -> Array:
         """Return the feet in base axes, (S, nf, 3) [m], for joint angles (S, n) [rad]."""
         joints = np.asarray(joints, dtype=float)
-        feet = np.empty((*joints.shape[:-1], len(self.robot.feet), 3))
+        feet: Array = np.array(np.broadcast_to(self._fixed, (*joints.shape[:-1], *self._fixed.shape)))
         for legs in self.groups:
             feet[..., legs.feet, :] = legs.walk(joints[..., legs.joints])[0]
         return feet
+
+    @cached_property
+    def _fixed(self) -> Array:
+        """The feet in the axes of what carries them, (nf, 3) [m]: of a foot without a leg, its place on the base."""
+        frames = [self.robot.model.frames[self.robot.frame_id(foot.frame)] for foot in self.robot.feet]
+        return np.array([frame.placement.translation for frame in frames])
 
     def world_feet(self, base_position: Array, base_orientation: Array, joints: Array) -> Array:
         """Return the feet in the world, (S, nf, 3) [m].

@@ -1,5 +1,7 @@
 """Leg kinematics in batches, against Pinocchio and against itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio
 import pytest
@@ -106,3 +108,13 @@ def test_damped_inverse_of_a_straight_leg_is_the_least_motion(joints):
     expected = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(3), rate)
     found = _least(jacobian[..., None, None], rate[:, None, None], np.array(damping))[:, 0, 0]
     assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_foot_on_the_base_stays_there():
+    robot = models.load("solo12")
+    robot = replace(robot, feet=(replace(robot.feet[0], frame="base_link"), *robot.feet[1:]))
+    legs = models.Kinematics(robot)
+    feet = legs.feet(np.random.default_rng(0).uniform(-1, 1, (50, robot.num_joints)))
+    frame = robot.model.frames[robot.frame_id("base_link")]
+    assert feet[:, 0] == pytest.approx(np.tile(frame.placement.translation, (50, 1)))
+    assert np.isfinite(legs.standing_pose(0.8)).all()

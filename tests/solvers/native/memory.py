@@ -7,6 +7,7 @@ problems of the tests, examples (``barrel_roll``) or what stands in one (``gaits
 """
 
 import argparse
+import atexit
 import importlib.util
 import os
 import platform
@@ -17,7 +18,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -161,18 +162,17 @@ def _program(problem: CompiledProblem, tool: Tool, width: int) -> Path:
     }  # fmt: skip
     straight = frozenset(name for name, _ in sources.expressions)
     flags = (*COMMON, tool.cpu, *tool.flags, f"-DPIAFFE_W={width}")
-    made = _compiled(tuple(units.items()), tuple(sources.headers.items()), straight, flags, tool.flags)
-    return Path(made.name, "replay")
+    return _compiled(tuple(units.items()), tuple(sources.headers.items()), straight, flags, tool.flags)
 
 
-@lru_cache(maxsize=4)  # gaits of one robot are one program
+@cache  # gaits of one robot are one program
 def _compiled(
     units: tuple[tuple[str, str], ...], headers: tuple[tuple[str, str], ...], straight: frozenset[str],
     flags: tuple[str, ...], link: tuple[str, ...],
-) -> tempfile.TemporaryDirectory[str]:  # fmt: skip
-    """Return the folder of a linked program, which lasts as long as it is kept."""
-    made = tempfile.TemporaryDirectory()
-    folder = Path(made.name)
+) -> Path:  # fmt: skip
+    """Return a linked program, which lasts as long as this process."""
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     for name, text in headers:
         (folder / name).write_text(text)
 
@@ -184,7 +184,7 @@ def _compiled(
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(lambda each: unit(*each), sorted(units, key=lambda each: -len(each[1]))))
     _run([*working().command, *link, *(f"{name}.o" for name, _ in units), "-o", "replay", "-lm"], folder)
-    return made
+    return folder / "replay"
 
 
 def _run(command: Sequence[str], folder: Path) -> None:
