@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import ctypes as ct
 from functools import lru_cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ShapeError
-from piaffe.solvers.native import NoCompilerError, build, load
-from piaffe.solvers.native.build import SOLVER_FLAGS
+
+from .c_library import c_library, pointer
 
 Array = NDArray[np.float64]
 
@@ -39,7 +38,7 @@ def maxima(violation: Array) -> Array:
     library = _library()
     if library is None:
         return np.asarray(np.fmax.reduce(c, axis=(1, 2), initial=0.0))
-    library.piaffe_maxima(*_where(c), _pointer(largest))
+    library.piaffe_maxima(*_where(c), pointer(largest))
     return largest
 
 
@@ -72,7 +71,7 @@ def discount(violation: Array, c_max: ArrayLike, p_max: ArrayLike, out: Array | 
         for row, by, top in zip(c, slope, share, strict=True):
             np.fmax(delta, np.fmin(row * by[:, None], top[:, None]), out=delta)
     elif c.size:
-        library.piaffe_discount(*_where(c), _pointer(slope), _pointer(share), _pointer(delta))
+        library.piaffe_discount(*_where(c), pointer(slope), pointer(share), pointer(delta))
     else:
         delta[:] = 0.0
     return delta.T
@@ -99,19 +98,12 @@ def _check(name: str, got: tuple[int, ...], expected: tuple[tuple[int, ...], ...
 def _where(c: Array) -> tuple[Any, ...]:
     rows, steps, n = c.shape
     numbers = (rows, c.strides[0] // _DOUBLE, steps, c.strides[1] // _DOUBLE, n)
-    return (_pointer(c), *map(ct.c_long, numbers))
-
-
-def _pointer(array: Array) -> ct.c_void_p:
-    return ct.c_void_p(array.ctypes.data)
+    return (pointer(c), *map(ct.c_long, numbers))
 
 
 @lru_cache(maxsize=1)
 def _library() -> ct.CDLL | None:
-    text = files("piaffe.sampling.evaluators").joinpath("template", "reduce.c").read_text(encoding="utf-8")
-    try:
-        loaded = load(build([("reduce", text)], flags=SOLVER_FLAGS, label="reductions of violations"))
-    except NoCompilerError:
-        return None
-    loaded.piaffe_maxima.restype = loaded.piaffe_discount.restype = None
+    loaded = c_library("piaffe.sampling.evaluators", "reduce", "reductions of violations")
+    if loaded is not None:
+        loaded.piaffe_maxima.restype = loaded.piaffe_discount.restype = None
     return loaded

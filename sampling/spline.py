@@ -5,13 +5,11 @@ from __future__ import annotations
 import ctypes as ct
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.solvers.native import NoCompilerError, build, load
-from piaffe.solvers.native.build import SOLVER_FLAGS
+from .c_library import c_library, pointer
 
 Array = NDArray[np.float64]
 
@@ -54,8 +52,8 @@ class Spline:
         nodes, centre, half = (np.ascontiguousarray(each, dtype=float) for each in (nodes, centre, half))
         controls = np.empty((count, self.steps + 1, nodes.shape[2]))
         library.piaffe_controls(
-            _pointer(nodes), *map(ct.c_long, nodes.shape), _pointer(self.to_controls), ct.c_long(self.steps + 1),
-            _pointer(centre), _pointer(half), _pointer(controls),
+            pointer(nodes), *map(ct.c_long, nodes.shape), pointer(self.to_controls), ct.c_long(self.steps + 1),
+            pointer(centre), pointer(half), pointer(controls),
         )  # fmt: skip
         return controls
 
@@ -72,16 +70,9 @@ class Spline:
         return np.column_stack([np.ones_like(s), s, s**2, truncated])
 
 
-def _pointer(array: Array) -> ct.c_void_p:
-    return ct.c_void_p(array.ctypes.data)
-
-
 @lru_cache(maxsize=1)
 def _library() -> ct.CDLL | None:
-    text = files(__package__).joinpath("template", "spline.c").read_text(encoding="utf-8")
-    try:
-        loaded = load(build([("spline", text)], flags=SOLVER_FLAGS, label="controls of plans"))
-    except NoCompilerError:
-        return None
-    loaded.piaffe_controls.restype = None
+    loaded = c_library("piaffe.sampling", "spline", "controls of plans")
+    if loaded is not None:
+        loaded.piaffe_controls.restype = None
     return loaded

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import ctypes as ct
 from functools import lru_cache
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.solvers.native import NoCompilerError, build, load
-from piaffe.solvers.native.build import SOLVER_FLAGS
-
+from ..c_library import c_library, pointer
 from .engine import MAX_SPEED, Array, may_be_bad
 
 
@@ -33,21 +30,18 @@ def take(simulated: Array, every: int, nq: int, due: float, states: Array) -> ND
     n, steps, nx = states.shape
     suspect = np.empty(n, dtype=np.bool_)
     library.piaffe_take(
-        ct.c_void_p(simulated.ctypes.data), *map(ct.c_long, (n, steps, every, nq, nx - nq)), ct.c_double(due),
-        ct.c_double(MAX_SPEED), ct.c_void_p(states.ctypes.data), ct.c_long(states.strides[0] // states.itemsize),
-        ct.c_void_p(suspect.ctypes.data),
+        pointer(simulated), *map(ct.c_long, (n, steps, every, nq, nx - nq)), ct.c_double(due),
+        ct.c_double(MAX_SPEED), pointer(states), ct.c_long(states.strides[0] // states.itemsize),
+        pointer(suspect),
     )  # fmt: skip
     return suspect
 
 
 @lru_cache(maxsize=1)
 def _library() -> ct.CDLL | None:
-    text = files("piaffe.sampling.engines").joinpath("template", "take.c").read_text(encoding="utf-8")
-    try:
-        loaded = load(build([("take", text)], flags=SOLVER_FLAGS, label="states of rollouts"))
-    except NoCompilerError:
-        return None
-    loaded.piaffe_take.restype = None
+    loaded = c_library("piaffe.sampling.engines", "take", "states of rollouts")
+    if loaded is not None:
+        loaded.piaffe_take.restype = None
     return loaded
 
 

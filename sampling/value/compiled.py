@@ -7,15 +7,12 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from importlib.resources import files
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from piaffe.solvers.native import NoCompilerError, build, load
-from piaffe.solvers.native.build import SOLVER_FLAGS
-
+from ..c_library import c_library, pointer
 from .network import EPSILON, Network, Single
 
 _BLOCK = 48  # rows, as in the C text
@@ -73,9 +70,9 @@ class CompiledNetwork:
         def run(share: tuple[int, slice]) -> None:
             thread, part = share
             self._run(
-                _pointer(x[part]), ct.c_long(len(x[part])), ct.c_int(len(self._kernels)), _pointer(self._sizes),
-                _pointers(self._kernels), _pointers(self._biases), _pointer(self._head), ct.c_float(self._head_bias),
-                ct.c_float(EPSILON), _pointer(self._work[thread]), ct.c_int(self._largest), _pointer(values[part]),
+                pointer(x[part]), ct.c_long(len(x[part])), ct.c_int(len(self._kernels)), pointer(self._sizes),
+                _pointers(self._kernels), _pointers(self._biases), pointer(self._head), ct.c_float(self._head_bias),
+                ct.c_float(EPSILON), pointer(self._work[thread]), ct.c_int(self._largest), pointer(values[part]),
             )  # fmt: skip
 
         own, *others = shares
@@ -92,21 +89,14 @@ def _tiled(kernel: Single, tile: int) -> Single:
     return np.ascontiguousarray(kernel.reshape(m, n // tile, tile).transpose(1, 0, 2))
 
 
-def _pointer(array: np.ndarray) -> ct.c_void_p:
-    return ct.c_void_p(array.ctypes.data)
-
-
 def _pointers(arrays: list[Single]) -> ct.Array[ct.c_void_p]:
     return (ct.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
 
 
 @lru_cache(maxsize=1)
 def _library() -> ct.CDLL | None:
-    text = files(__package__).joinpath("template", "network.c").read_text(encoding="utf-8")
-    try:
-        loaded = load(build([("network", text)], flags=SOLVER_FLAGS, label="value networks"))
-    except NoCompilerError:
-        return None
-    loaded.piaffe_value.restype = None
-    loaded.piaffe_value_tile.restype = ct.c_int
+    loaded = c_library("piaffe.sampling.value", "network", "value networks")
+    if loaded is not None:
+        loaded.piaffe_value.restype = None
+        loaded.piaffe_value_tile.restype = ct.c_int
     return loaded
