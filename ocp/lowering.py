@@ -30,6 +30,7 @@ import casadi as cs
 from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 
 from . import rotation
+from .functions import is_smooth, make_derivatives, make_function
 from .given import call
 from .layout import Layout
 from .linear import affine, tangent_jacobians
@@ -361,45 +362,15 @@ class Lowering:
         others = dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
         others |= dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True))
         by_u = cs.horzcat(cs.SX(z.numel(), state.ndx), by_w[0][:, state.ndx :])
-        is_smooth = _is_smooth(cs.Function("implicit", [x, u, z, p], [dynamics.implicit]))
+        smooth = is_smooth(cs.Function("implicit", [x, u, z, p], [dynamics.implicit]))
         return {
             "implicit": make_derivatives("implicit", {"x": x, "u": u, "p": p}, {"K": K}, {"r0": r0}),
             "stage_d": make_derivatives("stage_d", stage, {"r_w": by_w[0], **others}),
-            "guess_d": make_derivatives("guess_d", stage, {"r_w": by_u if is_smooth else by_w[0], **others}),
+            "guess_d": make_derivatives("guess_d", stage, {"r_w": by_u if smooth else by_w[0], **others}),
             "terminal_d": make_derivatives(
                 "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
             ),
         }
-
-
-_SMOOTH = {
-    cs.OP_INPUT, cs.OP_CONST, cs.OP_OUTPUT, cs.OP_ASSIGN, cs.OP_ADD, cs.OP_SUB, cs.OP_MUL, cs.OP_DIV, cs.OP_NEG,
-    cs.OP_SQ, cs.OP_TWICE, cs.OP_INV, cs.OP_SIN, cs.OP_COS, cs.OP_EXP,
-}  # fmt: skip
-"""Operations whose derivatives are finite wherever they are themselves."""
-
-
-def _is_smooth(function: cs.Function) -> bool:
-    """Return whether a function's derivatives are finite wherever its values are."""
-    return all(function.instruction_id(k) in _SMOOTH for k in range(function.n_instructions()))
-
-
-def make_function(name: str, inputs: dict[str, cs.SX], columns: dict[str, cs.SX]) -> cs.Function:
-    """Return a function whose outputs are dense columns."""
-    values = [cs.densify(value) for value in columns.values()]
-    return cs.Function(name, list(inputs.values()), values, list(inputs), list(columns), {"cse": True})
-
-
-def make_derivatives(
-    name: str, inputs: dict[str, cs.SX], matrices: dict[str, cs.SX], columns: dict[str, cs.SX] | None = None
-) -> cs.Function:
-    """Return a function whose outputs are matrices of structural nonzeros, mostly zeros otherwise, then dense columns.
-
-    Common subexpressions stay: to find the last twentieth of them takes longer than all the rest of the lowering.
-    """
-    outs = {k: cs.sparsify(value) for k, value in matrices.items()}
-    outs |= {k: cs.densify(value) for k, value in (columns or {}).items()}
-    return cs.Function(name, list(inputs.values()), list(outs.values()), list(inputs), list(outs))
 
 
 def _cannot(model: ModelBase, error: UnknownNameError) -> str:

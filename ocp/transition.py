@@ -18,10 +18,11 @@ import casadi as cs
 
 from piaffe.errors import ProblemError, ShapeError
 
+from .functions import make_derivatives, make_function
 from .given import call
 from .layout import Layout
 from .linear import affine, tangent_jacobians
-from .lowering import Lowering, make_derivatives, make_function
+from .lowering import Lowering
 from .model import ModelBase
 from .parameter import Parameter
 from .phase import ResetMap

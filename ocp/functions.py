@@ -1,0 +1,34 @@
+"""CasADi functions as the solvers take them: dense columns, matrices of structural nonzeros."""
+
+from __future__ import annotations
+
+import casadi as cs
+
+_SMOOTH = {
+    cs.OP_INPUT, cs.OP_CONST, cs.OP_OUTPUT, cs.OP_ASSIGN, cs.OP_ADD, cs.OP_SUB, cs.OP_MUL, cs.OP_DIV, cs.OP_NEG,
+    cs.OP_SQ, cs.OP_TWICE, cs.OP_INV, cs.OP_SIN, cs.OP_COS, cs.OP_EXP,
+}  # fmt: skip
+"""Operations whose derivatives are finite wherever they are themselves."""
+
+
+def is_smooth(function: cs.Function) -> bool:
+    """Return whether a function's derivatives are finite wherever its values are."""
+    return all(function.instruction_id(k) in _SMOOTH for k in range(function.n_instructions()))
+
+
+def make_function(name: str, inputs: dict[str, cs.SX], columns: dict[str, cs.SX]) -> cs.Function:
+    """Return a function whose outputs are dense columns."""
+    values = [cs.densify(value) for value in columns.values()]
+    return cs.Function(name, list(inputs.values()), values, list(inputs), list(columns), {"cse": True})
+
+
+def make_derivatives(
+    name: str, inputs: dict[str, cs.SX], matrices: dict[str, cs.SX], columns: dict[str, cs.SX] | None = None
+) -> cs.Function:
+    """Return a function whose outputs are matrices of structural nonzeros, mostly zeros otherwise, then dense columns.
+
+    Common subexpressions stay: to find the last twentieth of them takes longer than all the rest of the lowering.
+    """
+    outs = {k: cs.sparsify(value) for k, value in matrices.items()}
+    outs |= {k: cs.densify(value) for k, value in (columns or {}).items()}
+    return cs.Function(name, list(inputs.values()), list(outs.values()), list(inputs), list(outs))
