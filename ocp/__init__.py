@@ -8,9 +8,9 @@ from .compiled import CompiledProblem as CompiledProblem
 from .derivative_check import Finding as Finding
 from .derivative_check import check_derivatives as check_derivatives
 from .describe import describe as describe
-from .lowering import LoweredMode as LoweredMode
 from .manifold import Block as Block
 from .manifold import Manifold as Manifold
+from .mode import LoweredMode as LoweredMode
 from .model import Dynamics as Dynamics
 from .model import ModelBase as ModelBase
 from .model import Node as Node

@@ -16,7 +16,7 @@ from piaffe.errors import ModelError, ProblemError, UnknownNameError
 from .batch import Batch
 from .compiled import CompiledPhase, CompiledProblem
 from .given import numbers_of
-from .lowering import Row
+from .mode import Row
 from .model import ModelBase
 from .motion import Motion
 from .quantity import Quantity

@@ -21,7 +21,8 @@ from .batch import Batch
 from .checks import check_guess, check_last, check_models, check_names, check_targets
 from .compiled import CompiledPhase, CompiledProblem
 from .finite import check_numbers
-from .lowering import LEFT_OUT, LoweredMode, Lowering
+from .lowering import LEFT_OUT, lower_mode
+from .mode import LoweredMode
 from .model import ModelBase, Node, Sample
 from .numbers import Numbers
 from .path import Interval, Path
@@ -54,7 +55,7 @@ class _Structure:
 
 @lru_cache(maxsize=32)
 def _lower(structure: _Structure) -> LoweredMode:
-    return Lowering(structure.model, structure.key, structure.terms, structure.excluded).build()
+    return lower_mode(structure.model, structure.key, structure.terms, structure.excluded)
 
 
 @dataclass(frozen=True)

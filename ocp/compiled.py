@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .lowering import LoweredMode, Row
+from .mode import LoweredMode, Row
 from .path import Interval, Path
 from .phase import Phase
 from .term import Constraint, Cost

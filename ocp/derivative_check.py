@@ -17,7 +17,7 @@ from .batch import Batch
 from .checks import solve_implicit
 from .compiled import CompiledPhase, CompiledProblem
 from .differences import STEP, Difference, differences_of, rate_of
-from .lowering import LoweredMode
+from .mode import LoweredMode
 from .transition import LoweredTransition
 from .verification import solve
 

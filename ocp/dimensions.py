@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .checks import Guess
 from .compiled import CompiledPhase, CompiledProblem
-from .lowering import Row
+from .mode import Row
 from .term import Constraint, Cost
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from piaffe.errors import ProblemError
 
 from .compiled import CompiledPhase, CompiledProblem
 from .layout import Layout
-from .lowering import Row
+from .mode import Row
 
 Array = NDArray[np.float64]
 

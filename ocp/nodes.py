@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ProblemError
 
 from .compile import RUNNING, Compilation
-from .lowering import LoweredMode
+from .mode import LoweredMode
 from .model import Sample
 from .path import Interval
 from .problem import Problem

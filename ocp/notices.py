@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .checks import Guess
 from .compiled import CompiledPhase, CompiledProblem
-from .lowering import Row
+from .mode import Row
 from .model import Notice
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from piaffe.errors import ProblemError, ShapeError
 
 from . import rotation
 from .layout import Layout
-from .lowering import LoweredMode
+from .mode import LoweredMode
 from .model import ModelBase, Node
 from .parameter import Parameter
 from .phase import Phase

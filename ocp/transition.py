@@ -22,10 +22,10 @@ from .functions import make_derivatives, make_function
 from .given import call
 from .layout import Layout
 from .linear import affine, tangent_jacobians
-from .lowering import Lowering
 from .model import ModelBase
 from .parameter import Parameter
 from .phase import ResetMap
+from .symbols import NodeSymbols
 from .view import NodeView, column
 
 
@@ -54,12 +54,11 @@ def lower_transition(
         user: the phase's own reset map, applied after the model's.
         where: both phases, for messages.
     """
-    low = Lowering(source, key, (), frozenset())
-    low.z = cs.SX.sym("z", source.reset_size(key))
-    p_model = low.model_slots()
-    own = source.reset(key, low.x, low.z, p_model)
-    absent = cs.vertcat(low.u, cs.SX.sym("z", source.implicit_size(key)))  # none of these at a phase's end
-    dynamics = source.dynamics(key, low.x, low.u, absent[low.u.numel() :], p_model)
+    symbols = NodeSymbols(source, source.reset_size(key))
+    x, z, p_model = symbols.x, symbols.z, symbols.of_model()
+    own = source.reset(key, x, z, p_model)
+    absent = cs.vertcat(symbols.u, cs.SX.sym("z", source.implicit_size(key)))  # none of these at a phase's end
+    dynamics = source.dynamics(key, x, symbols.u, absent[symbols.u.numel() :], p_model)
     given: dict[str, cs.SX] = {}
     if user is not None:
         result = call(user.function, f"{where}, reset ({user.source})", NodeView(dynamics.quantities))
@@ -80,7 +79,7 @@ def lower_transition(
                     f"'{target.name}' - got {value.numel()}, expected {block.nx} [{block.quantity.unit}]; return as "
                     "many"
                 )
-            low.check_symbols(f"{where}, reset ({user.source if user else ''})", value, absent)
+            symbols.check(f"{where}, reset ({user.source if user else ''})", value, absent)
         elif path in dynamics.quantities and dynamics.quantities.bind(path).value.numel() == block.nx:
             value = dynamics.quantities.bind(path).value
         else:
@@ -96,25 +95,24 @@ def lower_transition(
             f"{where}, reset ({user.source if user else ''}): unknown state names - got {sorted(given)}, expected some "
             f"of {names}; rename them"
         )
-    x_next = cs.substitute(cs.vertcat(*parts), low.x, own.next_state)
-    K, r0 = affine(own.implicit, low.z, where)
+    x_next = cs.substitute(cs.vertcat(*parts), x, own.next_state)
+    K, r0 = affine(own.implicit, z, where)
     xn, dx = cs.SX.sym("xn", target.state.nx), cs.SX.sym("dx", source.state.ndx)
     groups = [own.implicit, target.state.minus(x_next, xn)]
-    by_x, by_z = tangent_jacobians(groups, source.state, low.x, dx, cs.SX(0, 1), low.z)
-    p = cs.vertcat(*low.slots.values())
-
+    by_x, by_z = tangent_jacobians(groups, source.state, x, dx, cs.SX(0, 1), z)
+    p = symbols.p
     return LoweredTransition(
         source=source,
         key=key,
         target=target,
-        layout=Layout((name, symbol.numel()) for name, symbol in low.slots.items()),
-        parameters=tuple(low.parameters.values()),
-        nz=low.z.numel(),
+        layout=symbols.layout,
+        parameters=symbols.parameters,
+        nz=z.numel(),
         functions={
-            "implicit": make_derivatives("implicit", {"x": low.x, "p": p}, {"K": K}, {"r0": r0}),
-            "reset": make_function("reset", {"x": low.x, "z": low.z, "p": p}, {"x_next": x_next}),
+            "implicit": make_derivatives("implicit", {"x": x, "p": p}, {"K": K}, {"r0": r0}),
+            "reset": make_function("reset", {"x": x, "z": z, "p": p}, {"x_next": x_next}),
             "reset_d": make_derivatives(
-                "reset_d", {"x": low.x, "z": low.z, "p": p, "xn": xn}, {"r_x": by_x[0], "d_x": by_x[1], "d_z": by_z[1]}
+                "reset_d", {"x": x, "z": z, "p": p, "xn": xn}, {"r_x": by_x[0], "d_x": by_x[1], "d_z": by_z[1]}
             ),
         },
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ProblemError
 
 from .compiled import CompiledPhase, CompiledProblem
-from .lowering import LoweredMode
+from .mode import LoweredMode
 from .quantity import Quantity
 from .trajectory import Trajectory
 

@@ -22,7 +22,7 @@ from functools import lru_cache
 import casadi as cs
 
 from piaffe.ocp import Constraint, Cost, LoweredMode
-from piaffe.ocp.lowering import Row
+from piaffe.ocp.mode import Row
 
 
 @dataclass(frozen=True, eq=False)
