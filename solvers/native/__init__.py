@@ -1,7 +1,6 @@
 """The native backend: problems as C, compiled for this machine."""
 
 from .build import Built as Built
-from .build import CompileError as CompileError
 from .build import build as build
 from .build import load as load
 from .cache import Cache as Cache
@@ -9,6 +8,7 @@ from .compilers import NoCompilerError as NoCompilerError
 from .drive import drive as drive
 from .library import library_for as library_for
 from .machine import Machine as Machine
+from .processes import CompileError as CompileError
 from .start import Backend as Backend
 from .start import NoCompilerWarning as NoCompilerWarning
 from .start import native_machine as native_machine

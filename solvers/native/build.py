@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import hashlib
 import os
-import re
-import shlex
-import signal
-import subprocess
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from piaffe import __version__
 from piaffe.errors import SolverError
 
 from .cache import LIBRARY, Cache, Entry
-from .compilers import Compiler, candidates, first_lines, working
+from .compilers import Compiler, candidates, working
 from .cpu import Cpu, this_cpu
+from .processes import Runner
+from .texts import Origin, Texts
 
 VERSION = "2"
 """Part of every key: counted up when this module compiles differently."""
@@ -33,26 +29,8 @@ EXPRESSION_FLAGS = ("-O1", "-fexpensive-optimizations", *_EXACT, "{native}")
 SOLVER_FLAGS = ("-O3", *_EXACT, "{native}")
 """For the templates, whose loops have constant bounds. ``{native}`` becomes the flag for this processor."""
 
-_LINES = 12  # of a compiler's message
-_NAME = re.compile(r"[A-Za-z_]\w*")
-_HEADER = re.compile(r"\w[\w.-]*")
-
 Progress = Callable[[int, int, str], None]
 """Called with steps done, steps in all, and the name of what was done last; in the caller's thread."""
-
-
-class CompileError(SolverError):
-    """The compiler refuses a text.
-
-    Args:
-        text: what to tell.
-        unit: name of the translation unit, or ``"link"``.
-        said: all that the compiler said.
-    """
-
-    def __init__(self, text: str, unit: str, said: str) -> None:
-        self.unit, self.said = unit, said
-        super().__init__(text)
 
 
 @dataclass(frozen=True)
@@ -74,44 +52,6 @@ class Built:
     width: int
     compiler: str
     key: str
-
-
-@dataclass(frozen=True)
-class Texts:
-    """C texts of a library.
-
-    Args:
-        units: name (an identifier) and text of each translation unit.
-        headers: file name and text of what they include.
-        flags_per_unit: flags by unit, instead of those for all.
-    """
-
-    units: Sequence[tuple[str, str]]
-    headers: Mapping[str, str] = field(default_factory=dict)
-    flags_per_unit: Mapping[str, Sequence[str]] = field(default_factory=dict)
-
-    @property
-    def parts(self) -> list[str]:
-        """All of them, as one list."""
-        parts = []
-        for name, text in self.units:
-            parts += ["unit", name, text, *self.flags_per_unit.get(name, ("as all",))]
-        for name in sorted(self.headers):
-            parts += ["header", name, self.headers[name]]
-        return parts
-
-
-@dataclass(frozen=True)
-class Origin:
-    """Texts that are made only if no library of them is kept, and what they are made from.
-
-    Args:
-        parts: what the texts follow from, whatever it is: equal parts make equal texts.
-        texts: makes them.
-    """
-
-    parts: Sequence[str]
-    texts: Callable[[], Texts]
 
 
 @dataclass(frozen=True)
@@ -180,7 +120,7 @@ def build(
             )
         origin = units
     else:
-        texts = _checked(Texts(tuple(units), dict(headers or {}), dict(flags_per_unit or {})))
+        texts = Texts(tuple(units), dict(headers or {}), dict(flags_per_unit or {}))
         origin = Origin(texts.parts, lambda: texts)
     recipe = _Recipe(origin, tuple(flags), tuple(link), _checked_width(cpu.lanes if width is None else width), version)
 
@@ -194,7 +134,7 @@ def build(
             return result(entry, key, compiler, False)
     compiler = working()
     key = recipe.key(compiler, cpu)
-    made = _checked(origin.texts())
+    made = origin.texts()
     steps = len(made.units) + 1
 
     def waiting() -> None:
@@ -230,20 +170,6 @@ def load(built: Built) -> ctypes.CDLL:
         ) from error
 
 
-def _checked(texts: Texts) -> Texts:
-    """Return texts; raise if names are odd or at odds."""
-    names = [name for name, _ in texts.units]
-    odd = [name for name in names if not _NAME.fullmatch(name)] + [n for n in texts.headers if not _HEADER.fullmatch(n)]
-    if not names or odd or len(set(names)) < len(names):
-        raise SolverError(
-            f"build: names of units and headers - got {odd or names}, expected at least one unit, each with a plain "
-            "name of its own; name them so"
-        )
-    if unknown := sorted(set(texts.flags_per_unit) - set(names)):
-        raise SolverError(f"build: flags_per_unit - got {unknown}, expected names of units {names}; correct the names")
-    return texts
-
-
 def _checked_width(width: int) -> int:
     if width not in (1, 2, 4, 8):
         raise SolverError(f"build: width - got {width}, expected 1, 2, 4 or 8; leave it out for this machine's")
@@ -267,7 +193,7 @@ def _compile(
         _write(folder / f"{name}.c", text)
     steps = len(texts.units) + 1
     told(0, steps, "")
-    runner = _Runner(compiler, folder)
+    runner = Runner(compiler, folder)
     common = ("-std=gnu11", "-fPIC", "-w", f"-DPIAFFE_W={recipe.width}")
     flags = {name: _written(texts.flags_per_unit.get(name, recipe.flags), recipe.width, cpu) for name, _ in texts.units}
     longest_first = sorted(texts.units, key=lambda unit: -len(unit[1]))
@@ -296,13 +222,6 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _kill(process: subprocess.Popen[str]) -> None:
-    """Kill a compiler and what it has started; it leads a group of its own."""
-    if process.returncode is None:
-        with contextlib.suppress(OSError):
-            os.killpg(process.pid, signal.SIGKILL)
-
-
 def _write(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
@@ -311,61 +230,3 @@ def _write(path: Path, text: str) -> None:
             f"cache '{path.parent.parent.parent}': cannot be written - got {error.strerror or error}, expected room "
             "for C texts and a library; free some, or set PIAFFE_CACHE to another folder"
         ) from error
-
-
-@dataclass
-class _Runner:
-    """Runs compilers in a folder, from several threads, until it is stopped."""
-
-    compiler: Compiler
-    folder: Path
-    stopped: bool = False
-    _running: set[subprocess.Popen[str]] = field(default_factory=set)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    def __call__(self, unit: str, arguments: Sequence[str]) -> None:
-        """Run the compiler.
-
-        Raises:
-            CompileError: it fails.
-        """
-        command = [*self.compiler.command, *self.compiler.flags, *arguments]
-        own = str(self.folder)  # for what compilers leave when they are killed
-        with self._lock:
-            if self.stopped:
-                return
-            try:
-                process = subprocess.Popen(
-                    command, cwd=self.folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                    stderr=subprocess.STDOUT, text=True, errors="replace", start_new_session=True,
-                    env={**os.environ, "LC_ALL": "C", "TMPDIR": own, "ZIG_LOCAL_CACHE_DIR": own},
-                )  # fmt: skip
-            except OSError as error:
-                raise self._error(unit, command, str(error)) from error
-            self._running.add(process)
-        try:
-            said, _ = process.communicate()
-        except BaseException:  # interrupted while linking, which this thread does itself
-            _kill(process)
-            process.wait()
-            raise
-        finally:
-            with self._lock:
-                self._running.discard(process)
-        if process.returncode and not self.stopped:
-            killed = f"killed by {signal.Signals(-process.returncode).name}" if process.returncode < 0 else ""
-            raise self._error(unit, command, said.strip() or killed or f"exit code {process.returncode}")
-
-    def stop(self) -> None:
-        """Kill every compiler that runs, with what it has started; start no other."""
-        with self._lock:
-            self.stopped = True
-            for process in self._running:
-                _kill(process)
-
-    def _error(self, unit: str, command: Sequence[str], said: str) -> CompileError:
-        return CompileError(
-            f"native backend, unit '{unit}': {self.compiler.version} refuses it - got\n{first_lines(said, _LINES)}\n"
-            f"expected no error; set CC to another compiler, or use backend=\"numpy\"\n(it ran {shlex.join(command)})",
-            unit, said,
-        )  # fmt: skip

@@ -9,9 +9,10 @@ from functools import lru_cache
 
 from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
 
-from .build import SOLVER_FLAGS, Built, Origin, Texts, build, load
+from .build import SOLVER_FLAGS, Built, build, load
 from .cpu import this_cpu
 from .program import origin, program
+from .texts import Origin, Texts
 
 KERNEL_FLAGS = (*SOLVER_FLAGS, *(("-mprefer-vector-width=512",) if this_cpu().machine == "x86_64" else ()))
 

@@ -7,7 +7,7 @@ import pinocchio
 import pytest
 
 from piaffe import models
-from piaffe.models.kinematics import _least
+from piaffe.models.legs import _least
 from piaffe.models.loaders import names
 from piaffe.models.robot import to_pinocchio
 
