@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from piaffe import ocp, solvers
+from piaffe import ocp, sampling, solvers
 from piaffe.models import measures
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -188,3 +188,13 @@ def test_a_value_learned_on_flat_ground_serves_on_stairs(load, tmp_path):
     file = str(tmp_path / "some.value")
     assert load("train_value").main(file, shards=1, updates=50, episodes=2) > 0.0
     assert abs(load("stairs_mppi").main(steps=15, file=file)) < 0.1  # it has only begun
+
+
+def test_the_value_of_the_short_horizon_is_learnt_and_used(load, tmp_path):
+    module = load("short_horizon")
+    assert module.main(str(tmp_path / "some.value"), shards=1, episodes=2, updates=50) > 0.0
+    shipped = EXAMPLES / module.value
+    controller = sampling.TDCDMPPI(module.sampled_problem(4), module.options, reward=module.reward, value=shipped)
+    episode = sampling.run_episode(controller, steps=25)
+    assert not episode.fell
+    assert max(episode.missed.values()) < 0.01

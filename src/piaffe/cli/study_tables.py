@@ -123,6 +123,7 @@ def _listed(cell: Row, settings: Sequence[str]) -> dict[str, str]:
     return {
         "method": cell["label"], **{name: text_of(cell.get(name)) for name in settings},
         "seeds": str(cell["seeds"]), "success [%]": f"{cell['success_percent']:.0f}",
+        "falls": str(cell["falls"]),
         "mean step reward": f"{cell['mean_reward']:.4f}", "worst violation [%]": f"{cell['missed_percent_worst']:.2f}",
         "speed error [m/s]": f"{cell['speed_error_m_per_s']:.3f}", "ms per plan": f"{cell['plan_ms_median']:.1f}",
         "effective samples": f"{cell['effective_samples_median']:.1f}",

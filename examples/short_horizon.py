@@ -1,0 +1,77 @@
+"""A trot that DIAL-MPC falls in at short horizons, that TD-CD-MPPI walks with a value, and how that value is learnt."""
+
+import argparse
+import os
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from dataclasses import replace
+from multiprocessing import get_context
+
+import trot_mppi
+
+from piaffe import models, ocp
+from piaffe.sampling import CollectOptions, LearnOptions, train_value
+
+# As published, no term tells where feet belong: that they stay behind shows when the robot trips, which is later than
+# short horizons see.
+objective = ocp.Objective(*(term for term in trot_mppi.objective if term.name != "track feet.reach"))
+limits = ocp.Constraints(
+    models.joint_range("HAA", 0.1, scale=0.1),
+    models.base_height(maximum=0.27, scale=0.27),  # lower it cannot step: knees bend to -1.6 rad
+)
+centre = 2 * (0.0, 0.6, -1.1) + 2 * (0.0, -0.6, 1.1)
+targets = models.joint_targets(centre=centre, half_range={"HAA": 0.4, "HFE": 0.5, "KFE": 0.5})
+
+reward, options = trot_mppi.reward, trot_mppi.options
+value = "short_horizon.value"
+
+follow = replace(options, samples=192, first_stages=3, threads=1)
+collecting = CollectOptions(
+    shards=16,
+    episodes=40,
+    episode_steps=25,
+    horizon=16,  # without a value a shorter one falls
+    explore=replace(follow, sigma=1.0),
+    follow=follow,
+    alone=replace(follow, p_max=0.025),  # with more it falls in the attempt to keep the limits
+)
+learning = LearnOptions(
+    updates=9_000, target_rate=0.02, weight_decay=1.0, hidden=(64, 64), discount=options.discount
+)  # fmt: skip
+
+
+def sampled_problem(horizon: int = 8) -> ocp.Problem:
+    """Return the trot, with a horizon in steps of 20 ms."""
+    plant = models.Mujoco(trot_mppi.robot, action=targets)
+    return ocp.Problem(
+        trot_mppi.trot, plant.over(0.02 * horizon, dt=0.02), objective, limits, initial=trot_mppi.start
+    )  # fmt: skip
+
+
+problem = sampled_problem()
+
+
+def main(
+    out: str = value,
+    shards: int = collecting.shards,
+    episodes: int = collecting.episodes,
+    updates: int = learning.updates,
+    workers: int = 0,
+) -> float:
+    """Learn, write the file and return the mean value of what was learnt from; ``workers`` processes collect."""
+    # JAX, which learns, has threads of its own: processes are begun anew, not forked
+    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn")) if workers else nullcontext()
+    with pool as executor:
+        learnt = train_value(
+            sampled_problem, out, reward=reward, executor=executor,
+            collecting=replace(collecting, shards=shards, episodes=episodes),
+            learning=replace(learning, updates=updates),
+        )  # fmt: skip
+    return float(learnt.record["curves"]["mean_value"][-1])
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", default=value)
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    print(f"mean value {main(**vars(parser.parse_args())):.2f}")
