@@ -43,7 +43,8 @@ class CollectOptions:
             first round, of the controller with the value of the round before in the others.
         episodes: episodes per shard.
         episode_steps: of each, unless it falls.
-        horizon: H of the controller that is followed, and of MPPI.
+        horizon: H of the controller that is followed, and of MPPI; long enough to walk, in the first round without a
+            value: one that falls teaches that all states are bad.
         nearest: an episode begins at a step of a roll-out from this one to H + 1. The paper's begin at H + 1; states
             nearer make the value good for shorter horizons too.
         explore: options of MPPI, in the first round.
