@@ -101,7 +101,7 @@ def _sweep(lines: Mapping[str, Mapping[str, Sequence[Row]]], title: str) -> Figu
                     at, [cell["success_percent"] for cell in group], marker="o", ms=3.5, ls=style, color=colour
                 )
             _ticks(success, axis, sorted({cell[axis] for group in groups.values() for cell in group}))
-            reward.legend()
+            reward.legend(loc="lower left", bbox_to_anchor=(0, 1.01), borderaxespad=0)  # above: curves are anywhere
         grid[0, 0].set_ylabel("mean step reward")
         grid[1, 0].set_ylabel("success [%]")
         grid[1, 0].set_ylim(-4, 104)
