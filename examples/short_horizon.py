@@ -2,10 +2,7 @@
 
 import argparse
 import os
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
 from dataclasses import replace
-from multiprocessing import get_context
 
 import trot_mppi
 
@@ -59,14 +56,11 @@ def main(
     workers: int = 0,
 ) -> float:
     """Learn, write the file and return the mean value of what was learnt from; ``workers`` processes collect."""
-    # JAX, which learns, has threads of its own: processes are begun anew, not forked
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn")) if workers else nullcontext()
-    with pool as executor:
-        learnt = train_value(
-            sampled_problem, out, reward=reward, executor=executor,
-            collecting=replace(collecting, shards=shards, episodes=episodes),
-            learning=replace(learning, updates=updates),
-        )  # fmt: skip
+    learnt = train_value(
+        sampled_problem, out, reward=reward, workers=workers,
+        collecting=replace(collecting, shards=shards, episodes=episodes),
+        learning=replace(learning, updates=updates),
+    )  # fmt: skip
     return float(learnt.record["curves"]["mean_value"][-1])
 
 

@@ -2,10 +2,7 @@
 
 import argparse
 import os
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import trot_mppi
@@ -41,14 +38,11 @@ def main(
     workers: int = 0,
 ) -> float:
     """Learn, write the file and return the mean value of what was learned from; ``workers`` processes collect."""
-    # JAX, which learns, has threads of its own: processes are begun anew, not forked
-    pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn")) if workers else nullcontext()
-    with pool as executor:
-        value = train_value(
-            problem, out, reward=trot_mppi.reward, executor=executor,
-            collecting=replace(collecting, shards=shards, episodes=episodes),
-            learning=replace(learning, updates=updates),
-        )  # fmt: skip
+    value = train_value(
+        problem, out, reward=trot_mppi.reward, workers=workers,
+        collecting=replace(collecting, shards=shards, episodes=episodes),
+        learning=replace(learning, updates=updates),
+    )  # fmt: skip
     print(f"{Path(out).stat().st_size / 1e6:.1f} MB")
     return float(value.record["curves"]["mean_value"][-1])
 

@@ -132,7 +132,7 @@ class TermBinder:
             )
         try:
             rows = column(result)
-        except NotImplementedError as error:
+        except NotImplementedError as error:  # what CasADi raises for what it cannot convert
             raise ProblemError(
                 f"{where}: the function's result is unusable - got {type(result).__name__}, expected a CasADi column; "
                 "return one"

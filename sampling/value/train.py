@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
+from multiprocessing import get_context
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ def train_value(
     inputs: ValueInputs | None = None,
     work: str | PathLike[str] | None = None,
     executor: Executor | None = None,
+    workers: int = 0,
     precision: Precision = "half",
     progress: bool = True,
 ) -> Value:
@@ -52,7 +54,7 @@ def train_value(
     was when it is started again.
 
     Args:
-        problem: the declaration; with an executor a function that returns it, importable there.
+        problem: the declaration; with an executor or workers a function that returns it, importable there.
         out: the file, ``solo12.value``.
         collecting: options of the first two stages.
         learning: options of the third.
@@ -60,6 +62,7 @@ def train_value(
         inputs: what the value sees; :meth:`ValueInputs.standard` by default.
         work: folder of dataset and checkpoints, by default beside the file, ``solo12.work``.
         executor: makes shards side by side.
+        workers: processes that do so where no executor is given; none, and this process does.
         precision: of the weights in the file.
         progress: show bars.
 
@@ -86,13 +89,13 @@ def train_value(
     records: Records | None = None
     value: Value | None = None
     kept: Path | None = None
-    with _bars(progress) as step:
+    with _bars(progress) as step, _pool(executor, workers) as pool:
         for number in range(collecting.rounds):
             stage = f"round {number + 1}: " if collecting.rounds > 1 else ""
             place = folder / f"round-{number}"
             dataset = collect(
                 problem, place / "data", replace(collecting, seed=collecting.seed + number), reward=reward, value=kept,
-                executor=executor, listener=partial(step, f"{stage}collecting, shards"),
+                executor=pool, listener=partial(step, f"{stage}collecting, shards"),
             )  # fmt: skip
             records = dataset.load() if records is None else records.joined(dataset.load())
             kept = place / "learnt.value"
@@ -106,6 +109,14 @@ def train_value(
             value.save(kept)
     assert value is not None
     return load_value(value.save(target, precision), features=inputs.features)
+
+
+def _pool(executor: Executor | None, workers: int) -> AbstractContextManager[Executor | None]:
+    """Return who collects: the caller's executor, left open, or processes of our own."""
+    if executor is not None or workers == 0:
+        return nullcontext(executor)
+    # JAX, which learns, has threads of its own: processes are begun anew, not forked
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
 
 
 def _record(

@@ -198,3 +198,12 @@ def test_the_value_of_the_short_horizon_is_learnt_and_used(load, tmp_path):
     episode = sampling.run_episode(controller, steps=25)
     assert not episode.fell
     assert max(episode.missed.values()) < 0.01
+
+
+def test_processes_of_their_own_collect_for_a_value(tmp_path):
+    out = tmp_path / "some.value"
+    learn = f"import short_horizon; short_horizon.main({str(out)!r}, shards=2, episodes=1, updates=50, workers=2)"
+    ran = subprocess.run([sys.executable, "-c", learn], cwd=EXAMPLES, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    assert out.is_file()
+    assert len(list((tmp_path / "some.work").glob("*/data/shard-*"))) == 2
