@@ -14,7 +14,6 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -52,7 +51,8 @@ class Setting:
 
     def __str__(self) -> str:
         what = self.controller + (" with value" if self.value else "")
-        return f"N = {self.samples}, H = {self.horizon}, {what}, {self.engine}, {self.threads or cores()} threads"
+        where = self.engine if self.engine == "mjx" else f"{self.engine}, {self.threads or cores()} threads"
+        return f"N = {self.samples}, H = {self.horizon}, {what}, {where}"
 
 
 def cores() -> int:
@@ -68,7 +68,7 @@ SETTINGS = (
     Setting(samples=1024, horizon=16, controller="dial", value=False),
     Setting(samples=2048, horizon=16, controller="dial", value=False),
 )
-ON_JAX = Setting(engine="mjx")
+ON_JAX = (Setting(engine="mjx"), Setting(samples=2048, horizon=16, engine="mjx"))
 
 
 class Alone:
@@ -125,6 +125,14 @@ def random_value(controller: MPPI) -> Value:
     network = Network(alike(sizes[0], 0.0), alike(sizes[0], 1.0), layers, drawn(sizes[-1]), 0.0)
     made_for = fingerprint(controller.nodes, controller.reward, controller.options, inputs)
     return Value(network, inputs, made_for, fall={"tilt": 0.5, "height": 0.15})
+
+
+def accelerator() -> dict[str, Any]:
+    """Return what JAX computes on."""
+    import jax  # imported where it is asked for: it takes the device
+
+    device = jax.devices()[0]
+    return {"jax": jax.__version__, "device": device.device_kind, "platform": device.platform}
 
 
 def controller_of(declared: Declared, setting: Setting, file: Path | None) -> MPPI:
@@ -192,7 +200,11 @@ def main() -> None:
     parser.add_argument(
         "--random", action="store_true", help="random weights of the published size, not the file's value"
     )
-    parser.add_argument("--mjx", action="store_true", help="also on JAX, which compiles for half a minute")
+    parser.add_argument(
+        "--engines", nargs="+", choices=("native", "mjx"), default=["native"],
+        help="native, or mjx on the processor that JAX has, which compiles for a minute per size",
+    )  # fmt: skip
+    parser.add_argument("--only", default="", help="settings whose line in the table contains this text")
     given = parser.parse_args()
     declared = load_declared(given.file)
     file = given.value
@@ -200,10 +212,13 @@ def main() -> None:
         file = None
     elif file is None and declared.value is not None and (declared.path.parent / declared.value).exists():
         file = declared.path.parent / declared.value
-    settings = [*SETTINGS, *([ON_JAX] if given.mjx and find_spec("jax") else [])]
+    settings = [s for s in (*SETTINGS, *ON_JAX) if s.engine in given.engines and given.only in str(s)]
+    if not settings:
+        parser.error(f"--only {given.only!r} leaves no setting of the engines {given.engines}")
     results: dict[str, Any] = {
         "benchmark": "plan_time", "example": Path(given.file).name, "repeats": given.repeats,
         "value": "random weights" if file is None else file.name, "where": surroundings(), "mujoco": mujoco.__version__,
+        **(accelerator() if "mjx" in given.engines else {}),
         "settings": {},
     }  # fmt: skip
     for setting in settings:

@@ -84,9 +84,14 @@ class MjxEngine(Engine):
 
     @contextmanager
     def computing(self) -> Iterator[None]:
-        """Compute in this engine's precision and on its device: a context for calls of :meth:`states` under ``jit``."""
-        with enable_x64(self._jax, self.precision == "double"), self._jax.default_device(self.device):
-            yield
+        """Compute in this engine's precision and on its device: a context for calls of :meth:`states` under ``jit``.
+
+        Products of matrices have all digits of their type: by default GPUs round factors to the eleven bits of TF32.
+        """
+        jax = self._jax
+        with enable_x64(jax, self.precision == "double"), jax.default_device(self.device):
+            with jax.default_matmul_precision("highest"):
+                yield
 
     def states(self, x0: Any, controls: Any) -> tuple[Any, Any]:
         """Return states (S + 1, nx) and whether the sample failed, of one sample, for use within ``jit`` and ``vmap``.

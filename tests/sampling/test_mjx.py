@@ -4,6 +4,7 @@ import subprocess
 import sys
 import warnings
 
+import jax
 import mujoco
 import numpy as np
 import pytest
@@ -82,6 +83,11 @@ def test_a_control_is_held_over_substeps():
     engine = MjxEngine(solo.simulated(**options), precision="double")
     expected = native(solo.STANDING, in_gait(3, 4), **options)
     assert np.abs(engine.rollout(solo.STANDING, in_gait(3, 4)).states - expected.states).max() < 1e-11
+
+
+def test_products_of_matrices_have_all_digits_on_gpus_too(double):
+    with double.computing():
+        assert jax.config.jax_default_matmul_precision == "highest"
 
 
 # ---- what MJX has not
