@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -46,7 +46,7 @@ class Setting:
     horizon: int = 8
     controller: str = "td-cd"
     value: bool = True
-    engine: str = "native"
+    engine: str = "lanes"
     threads: int | None = None
 
     def __str__(self) -> str:
@@ -75,8 +75,7 @@ class Alone:
     """``mujoco.rollout`` with what a controller's engine simulates, and nothing else."""
 
     def __init__(self, controller: MPPI, threads: int) -> None:
-        warm = not controller.engine._model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
-        self.model = own_copy(mujoco, controller.model.compiled(), warm_start=warm)
+        self.model = own_copy(mujoco, controller.model.compiled(), warm_start=None)
         n, steps = controller.options.samples + 1, controller.steps + 1
         self.models, self.steps, self.chunk = [self.model] * n, steps, max(1, n // (CHUNKS_PER_THREAD * threads))
         self.data = [mujoco.MjData(self.model) for _ in range(threads)]
@@ -148,7 +147,7 @@ def controller_of(declared: Declared, setting: Setting, file: Path | None) -> MP
 
 def measure(controller: MPPI, setting: Setting, repeats: int) -> dict[str, Any]:
     """Return what a plan and its parts take over the turns, and its roll-outs alone."""
-    alone = Alone(controller, setting.threads or cores()) if setting.engine == "native" else None
+    alone = Alone(controller, setting.threads or cores()) if setting.engine != "mjx" else None
     recorder = controller.engine = Recorder(controller.engine)
     turns: list[dict[str, float]] = []
     x = controller.problem.initial
@@ -201,8 +200,8 @@ def main() -> None:
         "--random", action="store_true", help="random weights of the published size, not the file's value"
     )
     parser.add_argument(
-        "--engines", nargs="+", choices=("native", "mjx"), default=["native"],
-        help="native, or mjx on the processor that JAX has, which compiles for a minute per size",
+        "--engines", nargs="+", choices=("lanes", "native", "mjx"), default=["lanes", "native"],
+        help="mjx is on the processor that JAX has, and compiles for a minute per size",
     )  # fmt: skip
     parser.add_argument("--only", default="", help="settings whose line in the table contains this text")
     given = parser.parse_args()
@@ -212,7 +211,8 @@ def main() -> None:
         file = None
     elif file is None and declared.value is not None and (declared.path.parent / declared.value).exists():
         file = declared.path.parent / declared.value
-    settings = [s for s in (*SETTINGS, *ON_JAX) if s.engine in given.engines and given.only in str(s)]
+    made = [replace(setting, engine=engine) for engine in ("lanes", "native") for setting in SETTINGS]
+    settings = [s for s in (*made, *ON_JAX) if s.engine in given.engines and given.only in str(s)]
     if not settings:
         parser.error(f"--only {given.only!r} leaves no setting of the engines {given.engines}")
     results: dict[str, Any] = {

@@ -54,6 +54,10 @@ class Recursion:
             turns.append(_turn(tree.rotations[i], tree.axes[i], q[6 + i]))
         self._turns = turns
 
+    def turn(self, link: int) -> cs.SX:
+        """Return the rotation of a link's frame in its parent's, the base's in the world, (3, 3)."""
+        return self._turns[link]
+
     # ---- motion of the links, outwards
 
     @cached_property

@@ -35,7 +35,8 @@ class Options:
         violation_rate: τ of the moving maximum of each violation.
         violation_floor: least moving maximum, in units of the row's scale: smaller violations are discounted less.
         seed: of the perturbations.
-        engine: rolls out: ``"native"`` (mujoco.rollout on threads) or ``"mjx"`` (JAX).
+        engine: rolls out: ``"native"`` (mujoco.rollout on threads), ``"lanes"`` (MuJoCo's step in SIMD lanes, for feet
+            on planes and boxes), ``"mjx"`` (JAX), or ``"auto"``: lanes where they have all that the model needs.
         threads: of roll-outs and evaluation; None for one per core.
     """
 
@@ -54,7 +55,7 @@ class Options:
     violation_rate: float = 0.5
     violation_floor: float = 1e-3
     seed: int = 0
-    engine: Literal["native", "mjx"] = "native"
+    engine: Literal["auto", "native", "lanes", "mjx"] = "auto"
     threads: int | None = None
 
     def __post_init__(self) -> None:
@@ -73,7 +74,7 @@ class Options:
         for name, choices in (
             ("noise", ("factors", "exponential")),
             ("shift", ("step", "elapsed")),
-            ("engine", ("native", "mjx")),
+            ("engine", ("auto", "native", "lanes", "mjx")),
         ):
             if getattr(self, name) not in choices:
                 self._refuse(name, " or ".join(f"'{choice}'" for choice in choices))

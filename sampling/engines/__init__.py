@@ -1,29 +1,34 @@
 """Rollout engines: one interface, several simulators.
 
-==========  ===================================================  ======================
-engine      how                                                  needs
-==========  ===================================================  ======================
-``native``  MuJoCo in C, samples spread over threads             nothing
-``mjx``     MuJoCo XLA: all samples at once on a CPU or a GPU    ``piaffe[sampling]``
-==========  ===================================================  ======================
+==========  ===================================================================  ======================
+engine      how                                                                  needs
+==========  ===================================================================  ======================
+``native``  MuJoCo in C, samples spread over threads                             nothing
+``lanes``   MuJoCo's step as generated C in SIMD lanes over samples, on threads  a C compiler
+``mjx``     MuJoCo XLA: all samples at once on a CPU or a GPU                    ``piaffe[sampling]``
+``auto``    ``lanes`` where it has all that the model needs, else ``native``     nothing
+==========  ===================================================================  ======================
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, Literal, get_args
 
 from piaffe.errors import SamplingError
 
 from .engine import MAX_SPEED, Engine, Rollouts, Simulated
+from .lanes import LanesEngine
 from .mjx import MjxEngine
 from .native import NativeEngine
 
-EngineName = Literal["native", "mjx"]
+EngineName = Literal["auto", "native", "lanes", "mjx"]
 
 __all__ = [
     "MAX_SPEED",
     "Engine",
     "EngineName",
+    "LanesEngine",
     "MjxEngine",
     "NativeEngine",
     "Rollouts",
@@ -32,22 +37,27 @@ __all__ = [
 ]
 
 
-def engine_for(model: Simulated, name: EngineName = "native", *, threads: int | None = None, **options: Any) -> Engine:
+def engine_for(model: Simulated, name: EngineName = "auto", *, threads: int | None = None, **options: Any) -> Engine:
     """Return an engine for a model.
 
     Args:
         model: what to simulate, as ``models.Mujoco``.
-        name: ``"native"`` or ``"mjx"``.
-        threads: of the native engine; one per core by default. XLA has its own.
-        **options: of :class:`NativeEngine` or :class:`MjxEngine`.
+        name: ``"auto"``, ``"native"``, ``"lanes"`` or ``"mjx"``.
+        threads: of the engines in C; one per core by default. XLA has its own.
+        **options: of the engine's class; with ``"auto"`` what both :class:`NativeEngine` and :class:`LanesEngine` have.
 
     Raises:
-        SamplingError: there is no such engine, JAX is not installed, or MJX has not what the model needs.
+        SamplingError: there is no such engine, it has not what the model or it needs.
         ModelError: the simulated state is more than positions and speeds.
     """
-    if name == "native":
-        return NativeEngine(model, threads=threads, **options)
     if name == "mjx":
         return MjxEngine(model, **options)
-    known = " or ".join(f"'{known}'" for known in get_args(EngineName))
-    raise SamplingError(f"rollouts: engine is unknown - got {name!r}, expected {known}; choose one")
+    if name == "lanes":
+        return LanesEngine(model, threads=threads, **options)
+    if name == "auto":
+        with suppress(SamplingError):
+            return LanesEngine(model, threads=threads, **options)
+    if name in ("auto", "native"):
+        return NativeEngine(model, threads=threads, **options)
+    known = ", ".join(f"'{known}'" for known in get_args(EngineName))
+    raise SamplingError(f"rollouts: engine is unknown - got {name!r}, expected one of {known}; choose one")

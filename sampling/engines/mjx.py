@@ -89,9 +89,9 @@ class MjxEngine(Engine):
         Products of matrices have all digits of their type: by default GPUs round factors to the eleven bits of TF32.
         """
         jax = self._jax
-        with enable_x64(jax, self.precision == "double"), jax.default_device(self.device):
-            with jax.default_matmul_precision("highest"):
-                yield
+        double = enable_x64(jax, self.precision == "double")
+        with double, jax.default_device(self.device), jax.default_matmul_precision("highest"):
+            yield
 
     def states(self, x0: Any, controls: Any) -> tuple[Any, Any]:
         """Return states (S + 1, nx) and whether the sample failed, of one sample, for use within ``jit`` and ``vmap``.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 
+from ..cores import available_cores
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
 from .take import no_time, take
 
@@ -69,7 +69,7 @@ class NativeEngine(Engine):
         mujoco = import_mujoco()
         from mujoco.rollout import Rollout
 
-        self.threads = _cores() if threads is None else threads
+        self.threads = available_cores() if threads is None else threads
         self.substeps = model.substeps
         self._chunk = chunk
         self._mujoco = mujoco
@@ -231,7 +231,3 @@ def quiet(mujoco: Any) -> Iterator[None]:
 
 def _ignore(message: str) -> None:
     """Drop a message."""
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -12,7 +12,6 @@ engine      how                                                          needs
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Literal, get_args
@@ -23,6 +22,7 @@ from piaffe.errors import SamplingError
 from piaffe.ocp import LoweredMode
 from piaffe.solvers.native import NoCompilerError, NoCompilerWarning
 
+from ..cores import available_cores
 from ..scoring import scoring
 from .arrays import ArrayKernel
 from .evaluator import Evaluator as Evaluator
@@ -84,7 +84,7 @@ def _kernels(
     if engine not in get_args(EngineName):
         known = " or ".join(f"'{name}'" for name in get_args(EngineName))
         raise SamplingError(f"evaluator: engine is unknown - got {engine!r}, expected {known}; choose one")
-    threads = _cores() if threads is None else threads
+    threads = available_cores() if threads is None else threads
     if threads < 1:
         raise SamplingError(f"evaluator: threads - got {threads}, expected 1 or more; correct it")
     if engine == "native":
@@ -101,7 +101,3 @@ def _kernels(
 
 
 _KINDS: Mapping[str, Callable[..., Kernel]] = {"numpy": ArrayKernel, "vm": VmKernel, "jax": JaxKernel}
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
