@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,12 @@ class Engine(ABC):
     """Simulates many control sequences from one state, or from one state each; a context that closes it.
 
     An engine may simulate steps that all samples share once for all of them.
+
+    Attributes:
+        name: what it is asked for by.
     """
+
+    name: ClassVar[str]
 
     @abstractmethod
     def rollout(self, x0: Array, controls: Array) -> Rollouts:

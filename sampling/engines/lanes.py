@@ -49,6 +49,8 @@ class LanesEngine(Engine):
             those of the installed MuJoCo.
     """
 
+    name = "lanes"
+
     def __init__(self, model: Simulated, *, threads: int | None = None, warm_start: bool | None = None) -> None:
         compiled = own_copy(import_mujoco(), model.compiled(), warm_start=warm_start)
         self.nq, self.nv, self.nu, self.substeps = compiled.nq, compiled.nv, compiled.nu, model.substeps

@@ -37,6 +37,8 @@ class MjxEngine(Engine):
         ModelError: the simulated state is more than positions and speeds.
     """
 
+    name = "mjx"
+
     def __init__(
         self,
         model: Simulated,

@@ -63,6 +63,8 @@ class NativeEngine(Engine):
         chunk: samples that a thread takes at a time, default a sixteenth of its share.
     """
 
+    name = "native"
+
     def __init__(
         self, model: Simulated, *, threads: int | None = None, warm_start: bool | None = None, chunk: int | None = None
     ) -> None:

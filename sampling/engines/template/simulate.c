@@ -44,6 +44,8 @@ LANE int any(vi mask)
 {
 #if PIAFFE_W == 1
     return mask != 0;
+#elif PIAFFE_W == 4 && defined(__AVX__)
+    return __builtin_ia32_movmskpd256((vd)mask) != 0;
 #else
     long long all = 0;
     for (int l = 0; l < PIAFFE_W; l++)
@@ -344,12 +346,16 @@ static vd update(struct memory *m, const struct group *g, vi running)
     vd *f = m->force + i, gradient[3], old[3], change = K(0.0);
     const vi active = g->active & running;
     for (int r = 0; r < g->size; r++) {
-        vd sum = m->residual[i + r];
-        for (int s = 0; s < m->num_rows; s++)
-            sum += m->a[i + r][s] * m->force[s];
-        gradient[r] = sum;
+        gradient[r] = m->residual[i + r];
         old[r] = f[r];
     }
+    if (g->contact) /* three sums at once: one alone would wait for each of its terms */
+        for (int s = 0; s < m->num_rows; s++)
+            for (int r = 0; r < 3; r++)
+                gradient[r] += m->a[s][i + r] * m->force[s];
+    else
+        for (int s = 0; s < m->num_rows; s++)
+            gradient[0] += m->a[s][i] * m->force[s];
     const vd single = largest(f[0] - gradient[0] / m->a[i][i], K(0.0));
     if (!g->contact) {
         const vd delta = single - old[0];

@@ -27,7 +27,7 @@ def episode_values(trial: Trial, episodes: Mapping[int, Episode]) -> dict[str, A
         "model": controller.model.name, "plant": trial.plant.name, "dt_s": controller.dt,
         "settings": {
             **trial.settings, "horizon": controller.steps, "samples": controller.options.samples,
-            "temperature": controller.options.temperature,
+            "temperature": controller.options.temperature, "engine": controller.engine.name,
         },
         **summary([episode.summary() for episode in episodes.values()]),
         "episodes": [{"seed": seed, **episode.summary()} for seed, episode in episodes.items()],
@@ -65,7 +65,8 @@ def print_episodes(console: Console, values: Mapping[str, Any]) -> None:
     value = "" if values["controller"] != "td-cd" else ", with a value" if settings["value"] else ", without a value"
     console.print(
         f"[bold]{TITLES[values['controller']]}[/], H = {settings['horizon']} ({settings['horizon'] * dt:.2f} s), "
-        f"{settings['samples']} samples, λ = {settings['temperature']:g}{value}; plant '{values['plant']}'",
+        f"{settings['samples']} samples, λ = {settings['temperature']:g}{value}, "
+        f"engine {settings['engine']}; plant '{values['plant']}'",
         soft_wrap=True,
     )
     shown = new_table(
