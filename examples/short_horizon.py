@@ -19,7 +19,7 @@ limits = ocp.Constraints(
 centre = 2 * (0.0, 0.6, -1.1) + 2 * (0.0, -0.6, 1.1)
 targets = models.joint_targets(centre=centre, half_range={"HAA": 0.4, "HFE": 0.5, "KFE": 0.5})
 
-reward, options = trot_mppi.reward, trot_mppi.options
+reward, options = trot_mppi.reward, replace(trot_mppi.options, p_max=0.05)
 value = "short_horizon.value"
 
 follow = replace(options, samples=192, first_stages=3, threads=1)

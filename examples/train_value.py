@@ -13,19 +13,18 @@ problem = trot_mppi.sampled_problem
 follow = replace(trot_mppi.options, samples=192, first_stages=3, threads=1)
 collecting = CollectOptions(
     shards=16,
-    rounds=2,
-    episodes=60,  # many and short: what counts is how perturbed states go on
-    episode_steps=16,
-    horizon=8,
+    episodes=160,  # many and short: what counts is how perturbed states go on
+    episode_steps=25,
+    horizon=16,
     explore=replace(follow, sigma=1.0),
     follow=follow,
-    alone=replace(follow, p_max=0.5),
+    alone=replace(follow, p_max=0.025),  # with more it falls in the attempt to keep the limits
 )
 learning = LearnOptions(
-    updates=9_000,
+    updates=20_000,
     target_rate=0.02,
     weight_decay=1.0,
-    hidden=(64, 64),  # larger networks learn so few transitions by heart
+    hidden=(128, 128),  # larger networks learn so few transitions by heart
     discount=trot_mppi.options.discount,
 )
 

@@ -39,7 +39,7 @@ terrains = {
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
 reward = sampling.Reward(scale=0.3)
-options = sampling.Options(samples=512, sigma=0.5, p_max=0.05, discount=0.95)  # without the value p_max should be 0.5
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.08, discount=0.95)  # without the value p_max should be 0.5
 value = "solo12_trot.value"  # learnt by train_value.py, on flat ground
 
 
@@ -55,11 +55,13 @@ def high(s):
     return cs.fmax(s.base.height - HEIGHT_LIMIT, 0)
 
 
-def sampled_problem(terrain: str = "flat", horizon: int = 8, penalties: bool = False) -> ocp.Problem:
-    """Return the same trot on a terrain, with a horizon in steps of 20 ms; with penalties beside its limits if asked."""
+def sampled_problem(terrain: str = "flat", horizon: int = 8, penalties: float = 0.0) -> ocp.Problem:
+    """Return the same trot on a terrain, with a horizon in steps of 20 ms; with penalties of some strength if asked."""
     targets = models.joint_targets(centre=tall, half_range={"HAA": 0.4, "HFE": 0.5, "KFE": 0.7})
     plant = models.Mujoco(robot, terrain=terrains[terrain], action=targets)
-    aims = objective + wide.weighted(80.0) + high.weighted(1500.0) if penalties else objective
+    aims = objective
+    if penalties:
+        aims = objective + wide.weighted(80.0 * penalties) + high.weighted(1500.0 * penalties)
     return ocp.Problem(trot, plant.over(0.02 * horizon, dt=0.02), aims, limits, initial=start)
 
 

@@ -19,7 +19,7 @@ from piaffe.solvers.native.build import SOLVER_FLAGS
 from ..c_library import pointer
 from ..cores import available_cores
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
-from .lanes_scene import scene_of
+from .lanes_reader import scene_of
 from .lanes_text import SceneText
 from .native import NativeEngine, own_copy
 
@@ -43,6 +43,7 @@ class LanesEngine(Engine):
         model: what to simulate. A sample's control is held over the model's substeps.
         threads: number of threads, default one per available core.
         warm_start: whether the contact solver starts from the last step's solution, as the model has it unless given.
+        width: lanes, 1, 2, 4 or 8; as this processor likes it by default.
 
     Raises:
         SamplingError: the model has something that is not simulated, there is no C compiler, or states differ from
@@ -51,13 +52,20 @@ class LanesEngine(Engine):
 
     name = "lanes"
 
-    def __init__(self, model: Simulated, *, threads: int | None = None, warm_start: bool | None = None) -> None:
+    def __init__(
+        self,
+        model: Simulated,
+        *,
+        threads: int | None = None,
+        warm_start: bool | None = None,
+        width: int | None = None,
+    ) -> None:
         compiled = own_copy(import_mujoco(), model.compiled(), warm_start=warm_start)
         self.nq, self.nv, self.nu, self.substeps = compiled.nq, compiled.nv, compiled.nu, model.substeps
         self.threads = max(1, available_cores() if threads is None else threads)
         text = SceneText(scene_of(compiled))
         try:
-            loaded, self._width = _library(text)
+            loaded, self._width = _library(text, width)
         except NoCompilerError as error:
             raise SamplingError(
                 f'lanes engine: {error}; install one, pip install "piaffe[compiler]", or choose engine="native"'
@@ -147,13 +155,14 @@ class LanesEngine(Engine):
         return failed
 
 
-def _library(text: SceneText) -> tuple[ct.CDLL, int]:
+def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     """Return the library of a scene, and how many lanes it has."""
     made = generate({"smooth": text.smooth})
     built = build(
         [*((unit.name, unit.text) for unit in made.units), ("simulate", _TEMPLATE)],
         headers={**made.headers, "scene.h": text.header},
         flags_per_unit={"simulate": SOLVER_FLAGS},
+        width=width,
         label="rollouts in lanes",
     )
     loaded = load(built)

@@ -125,6 +125,10 @@ def test_a_study_runs_in_processes_and_continues(
     gone.unlink()
     assert main(["study", str(study_file), "--dry-run"]) == 0
     assert "8 episodes, 1 of them to run" in " ".join(capsys.readouterr().out.split())
+    (folder / "cells.md").unlink()
+    assert main(["study", str(study_file), "--tables", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["done"] == 7
+    assert (folder / "cells.md").exists()
     assert not gone.exists()
 
 

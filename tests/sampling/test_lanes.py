@@ -138,6 +138,14 @@ def test_neither_threads_nor_neighbours_change_a_sample():
     assert np.array_equal(few, alone[:2])
 
 
+@pytest.mark.parametrize("width", [1, 2, 4, 8])
+def test_states_are_mujocos_however_wide_the_vectors(width):
+    model, random = simulated(terrain=TERRAINS["stairs"]), np.random.default_rng(8)
+    x, u = start(model, random), controls(model, random)
+    with LanesEngine(model, threads=1, width=width) as engine, NativeEngine(model, threads=0) as native:
+        assert np.abs(engine.rollout(x, u).states - native.rollout(x, u).states).max() < 1e-9
+
+
 def test_samples_that_diverge_fail_alone():
     model, random = simulated(), np.random.default_rng(7)
     x, u = start(model, random), controls(model, random)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stdout
@@ -150,12 +149,16 @@ def study(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check the study, say what would be run, and end.")
     ] = False,
+    tables: Annotated[
+        bool, typer.Option("--tables", help="Run nothing; tables and figures of the episodes that are done.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
     """Run a grid of controllers and settings over seeds, continue where it was left, and draw what came of it.
 
     Every episode is kept when it is done. Exit code 1 if some could not be run.
     """
+    from piaffe.sampling.cores import available_cores
     from piaffe.sampling.study import Study, require_pyarrow, write_parquet
 
     from .study_figures import draw_study
@@ -174,11 +177,11 @@ def study(
     console.print(f"{len(declared.cases)} episodes, {len(missing)} of them to run; results in {folder}", soft_wrap=True)
     if dry_run:
         raise typer.Exit(0)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = available_cores()
     count = workers or cores
     threads = max(1, cores // count)
     failures = {}
-    if missing:
+    if missing and not tables:
         with executor_of(executor, count, threads) as pool, bars() as progress:
             bar = progress.add_task("episodes", total=len(missing))
             failures = whole.run(
