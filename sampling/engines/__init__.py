@@ -12,13 +12,13 @@ engine      how                                                                 
 
 from __future__ import annotations
 
-from contextlib import suppress
+import warnings
 from typing import Any, Literal, get_args
 
 from piaffe.errors import SamplingError
 
 from .engine import MAX_SPEED, Engine, Rollouts, Simulated
-from .lanes import LanesEngine
+from .lanes import DifferentError, LanesEngine
 from .mjx import MjxEngine
 from .native import NativeEngine
 
@@ -26,6 +26,7 @@ EngineName = Literal["auto", "native", "lanes", "mjx"]
 
 __all__ = [
     "MAX_SPEED",
+    "DifferentError",
     "Engine",
     "EngineName",
     "LanesEngine",
@@ -55,8 +56,12 @@ def engine_for(model: Simulated, name: EngineName = "auto", *, threads: int | No
     if name == "lanes":
         return LanesEngine(model, threads=threads, **options)
     if name == "auto":
-        with suppress(SamplingError):
+        try:
             return LanesEngine(model, threads=threads, **options)
+        except DifferentError as error:
+            warnings.warn(f"rolling out with MuJoCo itself, five times slower: {error}", stacklevel=2)
+        except SamplingError:
+            pass  # what it does not simulate, MuJoCo does
     if name in ("auto", "native"):
         return NativeEngine(model, threads=threads, **options)
     known = ", ".join(f"'{known}'" for known in get_args(EngineName))

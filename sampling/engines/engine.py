@@ -56,7 +56,8 @@ class Simulated(Protocol):
 class Engine(ABC):
     """Simulates many control sequences from one state, or from one state each; a context that closes it.
 
-    An engine may simulate steps that all samples share once for all of them.
+    An engine may simulate steps that all samples share once for all of them. It is for one thread at a time: its memory
+    is kept from rollout to rollout.
 
     Attributes:
         name: what it is asked for by.

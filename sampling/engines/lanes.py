@@ -20,15 +20,21 @@ from ..c_library import pointer
 from ..cores import available_cores
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
 from .lanes_reader import scene_of
+from .lanes_scene import Scene
 from .lanes_text import SceneText
 from .native import NativeEngine, own_copy
 
 _TEMPLATE = files(__package__).joinpath("template", "simulate.c").read_text(encoding="utf-8")
 _ALIGNMENT = 64  # bytes: of the widest vectors
-# Of nine in ten samples after a few steps. Rounding makes 1e-12, another order of the solver 1e-2. Where the solver
-# goes on until little improves, rounding may decide about the last sweep: 1e-5 in one of a thousand.
+# Of states after a few steps. Rounding makes 1e-12, another order of the solver 1e-2. Where the solver goes on until
+# little improves, rounding may decide about the last sweep, 1e-5 in one of a thousand: then of nine in ten samples.
 _AGREEMENT = 1e-7
-_TRIALS, _TRIAL_STEPS = 16, 3
+_FEW = 4  # iterations
+_TRIALS, _TRIAL_STEPS = 32, 3
+
+
+class DifferentError(SamplingError):
+    """The engine in lanes does not simulate what the installed MuJoCo does."""
 
 
 class LanesEngine(Engine):
@@ -46,8 +52,8 @@ class LanesEngine(Engine):
         width: lanes, 1, 2, 4 or 8; as this processor likes it by default.
 
     Raises:
-        SamplingError: the model has something that is not simulated, there is no C compiler, or states differ from
-            those of the installed MuJoCo.
+        SamplingError: the model has something that is not simulated, or there is no C compiler.
+        DifferentError: states differ from those of the installed MuJoCo.
     """
 
     name = "lanes"
@@ -63,9 +69,9 @@ class LanesEngine(Engine):
         compiled = own_copy(import_mujoco(), model.compiled(), warm_start=warm_start)
         self.nq, self.nv, self.nu, self.substeps = compiled.nq, compiled.nv, compiled.nu, model.substeps
         self.threads = max(1, available_cores() if threads is None else threads)
-        text = SceneText(scene_of(compiled))
+        scene = scene_of(compiled)
         try:
-            loaded, self._width = _library(text, width)
+            loaded, self._width = _library(SceneText(scene), width)
         except NoCompilerError as error:
             raise SamplingError(
                 f'lanes engine: {error}; install one, pip install "piaffe[compiler]", or choose engine="native"'
@@ -74,7 +80,7 @@ class LanesEngine(Engine):
         self._memory = [np.zeros(size + _ALIGNMENT, dtype=np.uint8) for _ in range(self.threads)]
         self._pool: ThreadPoolExecutor | None = ThreadPoolExecutor(max(1, self.threads - 1))
         self._states: dict[tuple[int, int], Array] = {}
-        self._compare(model, warm_start)
+        self._compare(model, scene, warm_start)
 
     def rollout(self, x0: Array, controls: Array) -> Rollouts:
         """Simulate control sequences from a state, or from one state each.
@@ -98,7 +104,9 @@ class LanesEngine(Engine):
         controls = np.ascontiguousarray(controls)
         n, steps = controls.shape[:2]
         lead = shared_steps(controls) if x0.ndim == 1 else 0
-        states = self._states.setdefault((n, steps), np.empty((n, steps + 1, self.nq + self.nv)))
+        if (n, steps) not in self._states:
+            self._states[n, steps] = np.empty((n, steps + 1, self.nq + self.nv))
+        states = self._states[n, steps]
         states[:, 0] = x0
 
         def run(thread: int) -> None:
@@ -123,20 +131,23 @@ class LanesEngine(Engine):
         self._pool = None
         self._states.clear()
 
-    def _compare(self, model: Simulated, warm_start: bool | None) -> None:
-        """Raise SamplingError if MuJoCo goes elsewhere from random states about the ground, a few of them far off."""
+    def _compare(self, model: Simulated, scene: Scene, warm_start: bool | None) -> None:
+        """Raise DifferentError if MuJoCo goes elsewhere from random states about the grounds."""
         with NativeEngine(model, threads=0, warm_start=warm_start) as native:
-            compiled = model.compiled()
-            states, controls = _about_the_ground(compiled, self.nu)
+            states, controls = _about_the_grounds(model.compiled(), scene)
             want = native.rollout(states, controls)
             got = self.rollout(states, controls)
+            both = ~(want.failed | got.failed)
             off = np.abs(got.states - want.states) / np.maximum(1.0, np.abs(want.states))
-            apart = float(np.quantile(off[~(want.failed | got.failed)].max(axis=(1, 2), initial=0.0), 0.9))
-        if not (apart < _AGREEMENT and np.array_equal(want.failed, got.failed)):
+            apart = off[both].max(axis=(1, 2))
+        few = scene.iterations <= _FEW
+        worst = float(np.max(apart, initial=0.0) if few or not len(apart) else np.quantile(apart, 0.9))
+        if not (worst < _AGREEMENT and np.array_equal(want.failed, got.failed) and np.any(both)):
             self.close()
-            raise SamplingError(
-                f"lanes engine: states differ from those of MuJoCo {import_mujoco().__version__} - got {apart:.1e} of "
-                f'their size, expected less than {_AGREEMENT:g}; choose engine="native", and tell us'
+            raise DifferentError(
+                f"lanes engine: states differ from those of MuJoCo {import_mujoco().__version__} - got {worst:.1e} of "
+                f"their size with {int(np.sum(both))} of {_TRIALS} trials finite, expected less than {_AGREEMENT:g}; "
+                'choose engine="native", and tell us'
             )
 
     def _part(self, n: int, thread: int) -> tuple[int, int]:
@@ -170,20 +181,26 @@ def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     return loaded, built.width
 
 
-def _about_the_ground(model: Any, nu: int) -> tuple[Array, Array]:
-    """Return random states whose lowest foot is up to 2 cm below the origin's ground, (n, nx), and controls."""
+def _about_the_grounds(model: Any, scene: Scene) -> tuple[Array, Array]:
+    """Return random states, (n, nx), in each of which a random ball is up to 2 cm in a random ground, and controls."""
     mujoco, random = import_mujoco(), np.random.default_rng(0)
     data = mujoco.MjData(model)
     states = np.zeros((_TRIALS, model.nq + model.nv))
+    low, high = np.where(model.jnt_limited[1:, None], model.jnt_range[1:], [-1.0, 1.0]).T
     for state in states:
         mujoco.mj_resetData(model, data)
-        low, high = np.where(model.jnt_limited[1:, None], model.jnt_range[1:], [-1.0, 1.0]).T
-        data.qpos[7:] = np.clip(0.7 * random.standard_normal(model.njnt - 1), low, high + 1e-3)
-        data.qpos[4:7] = 0.1 * random.standard_normal(3)
+        data.qpos[7:] = np.clip(0.7 * random.standard_normal(model.njnt - 1), low - 1e-3, high + 1e-3)
+        data.qpos[3:7] = np.r_[1.0, 0.1 * random.standard_normal(3)]
+        data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
         mujoco.mj_kinematics(model, data)
-        moving = model.geom_bodyid > 0
-        lowest = np.min(data.geom_xpos[moving, 2] - model.geom_size[moving, 0], initial=np.inf)
-        data.qpos[2] -= lowest + 0.02 * random.uniform() if np.isfinite(lowest) else 0.0
+        if scene.contacts:
+            contact = scene.contacts[random.integers(len(scene.contacts))]
+            ground, ball = scene.grounds[contact.ground], scene.balls[contact.ball]
+            centre = data.xpos[ball.link + 1] + data.xmat[ball.link + 1].reshape(3, 3) @ ball.offset
+            half = np.array([0.5, 0.5, 0.0]) if ground.half is None else ground.half
+            deep = scene.radii[contact.ball] - 0.02 * random.uniform()
+            spot = half * np.r_[random.uniform(-1, 1, 2), 1.0] + [0.0, 0.0, deep]  # on its upper side
+            data.qpos[:3] += ground.place + ground.axes @ spot - centre
         state[: model.nq], state[model.nq :] = data.qpos, random.standard_normal(model.nv)
-    targets = states[:, None, 7 : model.nq] + 0.3 * random.standard_normal((_TRIALS, _TRIAL_STEPS, nu))
+    targets = states[:, None, 7 : model.nq] + 0.3 * random.standard_normal((_TRIALS, _TRIAL_STEPS, model.nu))
     return states, targets

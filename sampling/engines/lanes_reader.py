@@ -17,6 +17,15 @@ from .lanes_scene import Contact, Ground, Limit, Scene, Soft
 Array = NDArray[np.float64]
 
 _EPSILON = 1e-15  # MuJoCo's mjMINVAL
+_LEAST_FRICTION = 1e-5  # MuJoCo's mjMINMU
+_MOST_GROUPS = 300  # contacts and limits; tables and memory grow with their square
+_MOST_ORDERS = 2_000_000  # entries of the solver's table of orders
+# What has to be zero; older versions of MuJoCo have not all of them.
+_NEUTRAL = (
+    "body_gravcomp", "actuator_armature", "actuator_damping", "dof_dampingpoly", "jnt_stiffnesspoly", "geom_surfacevel",
+    "geom_adhesion", "pair_adhesion", "pair_margin", "pair_gap", "pair_solreffriction", "jnt_actfrclimited",
+    "jnt_actgravcomp", "geom_contype", "geom_conaffinity",
+)  # fmt: skip
 
 
 def scene_of(model: Any) -> Scene:
@@ -37,7 +46,7 @@ def scene_of(model: Any) -> Scene:
         "ground": [i for i in world if any(i == ground for ground, _, _ in pairs)],
     }
     contacts = tuple(
-        Contact(used["ball"].index(ball), used["ground"].index(ground), tuple(model.pair_friction[i, :2]), soft)
+        Contact(used["ball"].index(ball), used["ground"].index(ground), _friction(model, i), soft)
         for i, (ground, ball, soft) in enumerate(pairs)
     )
     limited = model.actuator_forcelimited.astype(bool)[:, None]
@@ -76,6 +85,15 @@ def _check_options(mujoco: Any, model: Any) -> None:
     ):
         if int(got) != int(wanted):
             raise _refuse(what, kinds(int(got)).name, wanted.name)
+    if opt.iterations < 1:
+        raise _refuse("iterations of the solver", opt.iterations, "at least 1")
+    groups = model.npair + int(np.sum(model.jnt_limited))
+    if groups > _MOST_GROUPS or groups**2 * opt.iterations > 2 * _MOST_ORDERS:
+        raise _refuse(
+            "contacts and limits", f"{groups}, {opt.iterations} iterations", f"at most {_MOST_GROUPS}, or fewer"
+        )
+    if opt.disableactuator:
+        raise _refuse("disabled actuators", "some", "none")
     if opt.noslip_iterations:
         raise _refuse("noslip iterations", opt.noslip_iterations, "none")
     if opt.density or opt.viscosity or np.any(opt.wind) or opt.enableflags:
@@ -100,6 +118,13 @@ def _check_parts(mujoco: Any, model: Any) -> None:
         or np.any(model.jnt_type[1:] != int(kinds.mjJNT_HINGE))
     ):
         raise _refuse("joints", f"{model.njnt} of {model.nbody - 1} bodies", "a free base, then one hinge per body")
+    if hinges < 1 or np.any(model.body_parentid[2:] < 1):
+        raise _refuse("bodies", "one that hangs on the world, or the base alone", "hinges on the base's tree")
+    if np.any(model.qpos0[7:]) or np.any(model.dof_armature[:6]):
+        raise _refuse("angles of reference, or inertia of rotors at the base", "some", "none")
+    for name in _NEUTRAL:
+        if np.any(getattr(model, name, 0)):
+            raise _refuse(name, "numbers", "zeros")
     if np.any(model.jnt_pos):
         raise _refuse("places of joints", "some beside their bodies' origins", "the origins")
     joints = int(mujoco.mjtTrn.mjTRN_JOINT)
@@ -115,12 +140,10 @@ def _check_parts(mujoco: Any, model: Any) -> None:
         or np.any(model.actuator_ctrllimited)
     ):
         raise _refuse("actuators", "gains, dynamics or limits of controls", "fixed gains and an affine bias")
-    if model.neq or model.ntendon or np.any(model.jnt_actfrclimited):
-        raise _refuse("equalities, tendons or limits of joints' forces", "some", "none")
-    if np.any(model.geom_contype) or np.any(model.geom_conaffinity):
-        raise _refuse("collisions", "geoms that collide by their bits", "declared pairs alone")
-    if np.any(model.jnt_margin[1:]) or np.any(model.pair_margin) or np.any(model.pair_gap):
-        raise _refuse("margins of limits and contacts", "some", "none")
+    if model.neq or model.ntendon:
+        raise _refuse("equalities or tendons", "some", "none")
+    if np.any(model.jnt_margin[1:]):
+        raise _refuse("margins of limits", "some", "none")
 
 
 def _tree(model: Any) -> Tree:
@@ -145,15 +168,20 @@ def _pair(mujoco: Any, model: Any, i: int) -> tuple[int, int, Soft]:
     )
     shapes = [kinds(int(types[k])) for k in (ground, ball)]
     known = (kinds.mjGEOM_PLANE, kinds.mjGEOM_BOX)
-    if model.geom_bodyid[ground] or shapes[0] not in known or shapes[1] != kinds.mjGEOM_SPHERE:
+    of_robot = [bool(model.geom_bodyid[k]) for k in (ground, ball)]
+    if of_robot != [False, True] or shapes[0] not in known or shapes[1] != kinds.mjGEOM_SPHERE:
         names = " and ".join(shape.name for shape in shapes)
         raise _refuse("shapes that touch", names, "planes and boxes of the world, and balls of the robot")
     if model.pair_dim[i] != 3:
         raise _refuse("dimension of a contact", int(model.pair_dim[i]), "3")
-    if np.any(model.pair_solreffriction[i]):
-        raise _refuse("solreffriction of a contact", model.pair_solreffriction[i].tolist(), "zeros")
     moved = float(model.body_invweight0[model.geom_bodyid[ball], 0])
     return ground, ball, _soft(model, model.pair_solref[i], model.pair_solimp[i], moved)
+
+
+def _friction(model: Any, i: int) -> tuple[float, float]:
+    """Return the friction of a pair along its two tangents."""
+    one, other = np.maximum(model.pair_friction[i, :2], _LEAST_FRICTION)
+    return float(one), float(other)
 
 
 def _ground(mujoco: Any, model: Any, i: int) -> Ground:
@@ -172,6 +200,8 @@ def _limit(model: Any, i: int) -> Limit:
 def _soft(model: Any, solref: Array, solimp: Array, inverse_mass: float) -> Soft:
     """Return softness as MuJoCo's makeImpedance has it."""
     time, ratio = solref
+    if (time > 0) != (ratio > 0):
+        raise _refuse("solref", solref.tolist(), "a time constant and a damping ratio, or both negative")
     start, end = np.clip(solimp[:2], 1e-4, 0.9999)
     width, middle, power = (
         max(float(solimp[2]), 0.0),

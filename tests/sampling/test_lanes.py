@@ -1,12 +1,16 @@
 """Roll-outs in lanes are MuJoCo's, whatever the robot, the ground, and how samples are shared out."""
 
+import copy
+from types import SimpleNamespace
+
+import mujoco
 import numpy as np
 import pytest
 
 from piaffe import models
 from piaffe.errors import SamplingError
 from piaffe.models import SoftContact
-from piaffe.sampling.engines import MAX_SPEED, LanesEngine, NativeEngine, engine_for, lanes, lanes_text
+from piaffe.sampling.engines import MAX_SPEED, DifferentError, LanesEngine, NativeEngine, engine_for, lanes, lanes_text
 from piaffe.solvers.native import NoCompilerError
 
 N, STEPS = 37, 8  # no whole number of lanes
@@ -101,6 +105,58 @@ def test_at_convergence_a_few_samples_end_a_sweep_apart():
     assert np.max(apart) < 1e-3
 
 
+def odd_robot():
+    """A branching leg, balls on base, knee and feet, tilted boxes, a friction for each tangent, contacts all different."""
+    balls, grounds = ("belly", "knee", "toe", "heel"), ("floor", "box0", "box1")
+    pairs = [
+        f'<pair geom1="{ground}" geom2="{ball}" condim="3" friction="{0.5 + 0.1 * i} {0.9 - 0.1 * i} 1 1 1" '
+        f'solref="{0.02 + 0.002 * i} 1.{i}" solimp=".9 .95 .01 .5 {1 + i % 3}"/>'
+        for i, ball in enumerate(balls)
+        for ground in grounds
+    ]
+
+    def ball(name, radius, place):
+        return f'<geom name="{name}" type="sphere" size="{radius}" pos="{place}" mass="0" contype="0" conaffinity="0"/>'
+
+    def link(name, place, axis, *inside):
+        return (
+            f'<body name="{name}" pos="{place}" euler="10 20 30"><joint name="{name}" type="hinge" axis="{axis}" '
+            'armature=".01" limited="true" range="-1 1"/><inertial pos=".01 .02 -.05" mass=".3" '
+            f'fullinertia=".002 .0015 .001 .0002 .0001 -.0001"/>{"".join(inside)}</body>'
+        )
+
+    boxes = "".join(
+        f'<geom name="box{i}" type="box" size=".3 .2 .03" pos="{0.2 * i} .05 .01" euler="{90 * i} 3 20" contype="0" '
+        'conaffinity="0"/>'
+        for i in range(2)
+    )
+    branches = (
+        link("c", "0 0 -.15", "0 1 0", ball("toe", 0.02, ".03 0 -.15")),
+        link("d", "0 .05 -.15", "0 1 .3", ball("heel", 0.025, "0 0 -.15")),
+    )
+    leg = link("a", ".2 .1 0", "1 0 .2", link("b", "0 0 -.1", "0 1 .1", ball("knee", 0.03, "0 0 -.1"), *branches))
+    motors = "".join(f'<motor joint="{joint}"/>' for joint in "abcd")
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><option timestep="0.004" cone="elliptic" solver="PGS" iterations="4" impratio="2"
+        gravity=".3 -.2 -9.5"/><compiler autolimits="false" inertiafromgeom="false"/><worldbody>
+        <geom name="floor" type="plane" size="1 1 .1" contype="0" conaffinity="0"/>{boxes}
+        <body name="base" pos="0 0 .4"><freejoint/><inertial pos=".02 .01 .03" mass="3"
+        fullinertia=".05 .06 .07 .005 -.004 .003"/>{ball("belly", 0.08, "0 0 -.15")}{leg}</body></worldbody>
+        <contact>{"".join(pairs)}</contact><actuator>{motors}</actuator></mujoco>"""
+    )
+    return SimpleNamespace(compiled=lambda: model, substeps=2)
+
+
+def test_states_are_mujocos_for_a_robot_that_branches():
+    model, random, n = odd_robot(), np.random.default_rng(9), 200
+    x = np.zeros((n, 21))
+    x[:, :3] = random.uniform((-0.3, -0.2, 0.1), (0.5, 0.2, 0.35), (n, 3))
+    x[:, 3:7] = [1.0, 0.0, 0.0, 0.0] + 0.4 * random.standard_normal((n, 4))
+    x[:, 3:7] /= np.linalg.norm(x[:, 3:7], axis=1)[:, None]
+    x[:, 7:11], x[:, 11:] = random.uniform(-1.1, 1.1, (n, 4)), random.standard_normal((n, 10))
+    assert_mujoco(model, x, random.uniform(-1, 1, (n, 6, 4)))
+
+
 def test_a_warm_start_can_be_refused():
     random = np.random.default_rng(3)
     model = simulated()
@@ -116,8 +172,9 @@ def test_deep_inside_a_box_the_nearest_face_is_the_way_out():
     assert_mujoco(model, x, controls(model, random, steps=2))
 
 
-def test_first_steps_that_all_share_are_the_same_steps():
-    model, random = simulated(), np.random.default_rng(5)
+@pytest.mark.parametrize("substeps", [1, 4])
+def test_first_steps_that_all_share_are_the_same_steps(substeps):
+    model, random = simulated(timestep=0.02 / substeps, substeps=substeps), np.random.default_rng(5)
     x, u = start(model, random, 1)[0], controls(model, random)
     u[:, :3] = u[0, :3]
     assert_mujoco(model, x, u)
@@ -197,15 +254,48 @@ def test_without_a_compiler_auto_takes_mujoco(monkeypatch):
         assert isinstance(engine, NativeEngine)
 
 
-def test_another_mujoco_is_noticed_before_use(monkeypatch):
+@pytest.mark.parametrize("terrain", ["flat", "high", "boxes"])
+def test_another_mujoco_is_noticed_before_use(monkeypatch, terrain):
     def in_order(most, rounds):
         return [[k for count in range(1, most + 1) for k in range(count)]] * rounds
 
     monkeypatch.setattr(lanes_text, "orders", in_order)
-    with pytest.raises(
-        SamplingError, match=r"states differ from those of MuJoCo \d.* - got .* expected less than 1e-07"
-    ):
-        LanesEngine(simulated())
+    model = simulated(terrain=TERRAINS[terrain])
+    with pytest.raises(DifferentError, match=r"states differ from those of MuJoCo \d.* - got .* less than 1e-07"):
+        LanesEngine(model)
+    with pytest.warns(UserWarning, match="rolling out with MuJoCo itself"), engine_for(model) as engine:
+        assert isinstance(engine, NativeEngine)
+
+
+def test_trials_that_all_diverge_are_no_agreement(monkeypatch):
+    model = simulated()
+    lost = np.full((32, 37), np.nan), np.zeros((32, 3, 12))
+    monkeypatch.setattr(lanes, "_about_the_grounds", lambda *args: lost)
+    with pytest.raises(DifferentError, match="0 of 32 trials finite"):
+        LanesEngine(model)
+
+
+FOREIGN = {
+    "body_gravcomp": lambda model: model.body_gravcomp.__setitem__(3, 0.5),
+    "geom_surfacevel": lambda model: model.geom_surfacevel.__setitem__(0, 0.1),
+    "pair_margin": lambda model: model.pair_margin.__setitem__(0, 0.01),
+    "angles of reference": lambda model: model.qpos0.__setitem__(8, 0.2),
+    "solref": lambda model: model.pair_solref.__setitem__((0, 1), -5.0),
+    "iterations of the solver": lambda model: setattr(model.opt, "iterations", 0),
+    "dimension of a contact": lambda model: model.pair_dim.__setitem__(0, 4),
+    "friction of joints": lambda model: (
+        model.dof_frictionloss.__setitem__(7, 0.1) or setattr(model.opt, "disableflags", 0)
+    ),
+    "contacts and limits": lambda model: setattr(model.opt, "iterations", 100_000),
+}
+
+
+@pytest.mark.parametrize("what", FOREIGN)
+def test_what_others_may_set_is_refused_by_name(what):
+    compiled = copy.copy(simulated().compiled())
+    FOREIGN[what](compiled)
+    with pytest.raises(SamplingError, match=rf"lanes engine: .*{what}"):
+        LanesEngine(SimpleNamespace(compiled=lambda: compiled, substeps=1))
 
 
 def test_a_closed_engine_says_so():
