@@ -106,7 +106,7 @@ def test_at_convergence_a_few_samples_end_a_sweep_apart():
 
 
 def odd_robot():
-    """A branching leg, balls on base, knee and feet, tilted boxes, two frictions per contact, no contact like another."""
+    """A branching leg, balls on base, knee and feet, tilted boxes, two frictions per contact, no two alike."""
     balls, grounds = ("belly", "knee", "toe", "heel"), ("floor", "box0", "box1")
     pairs = [
         f'<pair geom1="{ground}" geom2="{ball}" condim="3" friction="{0.5 + 0.1 * i} {0.9 - 0.1 * i} 1 1 1" '
