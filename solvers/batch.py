@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes as ct
-import os
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +21,7 @@ from .batch_solution import BatchRecorder, BatchSolution
 from .fault import fault
 from .iterate import Evaluator
 from .native import Backend, Machine, native_machine
+from .native.cpu import available_cores
 from .native.exchange import STATUS, read_iterate, read_outer, read_search, write
 from .native.worker import Worker
 from .options import Options
@@ -93,7 +93,7 @@ def solve_batch(
         used = 1
         batch.solve_in_numpy(progress)
     else:
-        used = min(threads or _cores(), batch.size)
+        used = min(threads or available_cores(), batch.size)
         batch.solve_in_c(machine, used, progress)
     return batch.recorder.solution(time.perf_counter() - began, used)
 
@@ -302,7 +302,3 @@ def _warm_start(given: Starts, i: int) -> WarmStart | None:
         return given.warm_start(i)
     solution = given if given is None or isinstance(given, Solution) else given[i]
     return None if solution is None else WarmStart.of(solution)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from importlib.resources import files
 from typing import Any
 
@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 from piaffe.errors import SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 from piaffe.ocp.lanes import generate
-from piaffe.solvers.native import NoCompilerError, build, load
+from piaffe.solvers.native import NoCompilerError, available_cores, build, load
 from piaffe.solvers.native.build import SOLVER_FLAGS
 
 from ..c_library import pointer
-from ..cores import available_cores
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
 from .lanes_reader import scene_of
 from .lanes_scene import Scene
 from .lanes_text import SceneText
 from .native import NativeEngine, own_copy
 
-_TEMPLATE = files(__package__).joinpath("template", "simulate.c").read_text(encoding="utf-8")
 _ALIGNMENT = 64  # bytes: of the widest vectors
 # Of states after a few steps. Rounding makes 1e-12, another order of the solver 1e-2. Where the solver goes on until
 # little improves, rounding may decide about the last sweep, 1e-5 in one of a thousand: then of nine in ten samples.
@@ -119,7 +117,10 @@ class LanesEngine(Engine):
 
         busy = [thread for thread in range(self.threads) if self._part(n, thread)[0] < self._part(n, thread)[1]]
         others = [self._pool.submit(run, thread) for thread in busy[1:]]
-        run(busy[0])
+        try:
+            run(busy[0])
+        finally:  # interrupted or not: they write into memory that the next rollout uses
+            wait(others)
         for other in others:
             other.result()
         return Rollouts(states, self._mend(states, controls))
@@ -168,9 +169,10 @@ class LanesEngine(Engine):
 
 def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     """Return the library of a scene, and how many lanes it has."""
+    template = files(__package__).joinpath("template", "simulate.c").read_text(encoding="utf-8")
     made = generate({"smooth": text.smooth})
     built = build(
-        [*((unit.name, unit.text) for unit in made.units), ("simulate", _TEMPLATE)],
+        [*((unit.name, unit.text) for unit in made.units), ("simulate", template)],
         headers={**made.headers, "scene.h": text.header},
         flags_per_unit={"simulate": SOLVER_FLAGS},
         width=width,

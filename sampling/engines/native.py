@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, SamplingError
 from piaffe.models.mujoco_look import import_mujoco
+from piaffe.solvers.native import available_cores
 
-from ..cores import available_cores
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
 from .take import no_time, take
 

@@ -20,9 +20,8 @@ import casadi as cs
 
 from piaffe.errors import SamplingError
 from piaffe.ocp import LoweredMode
-from piaffe.solvers.native import NoCompilerError, NoCompilerWarning
+from piaffe.solvers.native import NoCompilerError, NoCompilerWarning, available_cores
 
-from ..cores import available_cores
 from ..scoring import scoring
 from .arrays import ArrayKernel
 from .evaluator import Evaluator as Evaluator

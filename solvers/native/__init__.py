@@ -5,6 +5,7 @@ from .build import build as build
 from .build import load as load
 from .cache import Cache as Cache
 from .compilers import NoCompilerError as NoCompilerError
+from .cpu import available_cores as available_cores
 from .drive import drive as drive
 from .library import library_for as library_for
 from .machine import Machine as Machine

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -16,7 +15,7 @@ from piaffe.errors import SolverError
 
 from .cache import LIBRARY, Cache, Entry
 from .compilers import Compiler, candidates, working
-from .cpu import Cpu, this_cpu
+from .cpu import Cpu, available_cores, this_cpu
 from .processes import Runner
 from .texts import Origin, Texts
 
@@ -197,7 +196,7 @@ def _compile(
     common = ("-std=gnu11", "-fPIC", "-w", f"-DPIAFFE_W={recipe.width}")
     flags = {name: _written(texts.flags_per_unit.get(name, recipe.flags), recipe.width, cpu) for name, _ in texts.units}
     longest_first = sorted(texts.units, key=lambda unit: -len(unit[1]))
-    with ThreadPoolExecutor(min(len(texts.units), _cores())) as pool:
+    with ThreadPoolExecutor(min(len(texts.units), available_cores())) as pool:
         try:
             jobs = {
                 pool.submit(runner, name, (*common, *flags[name], "-c", f"{name}.c", "-o", f"{name}.o")): name
@@ -216,10 +215,6 @@ def _compile(
     runner("link", ("-shared", "-o", LIBRARY, *objects, *whole, *recipe.link))
     told(steps, steps, "link")
     return folder / LIBRARY
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _write(path: Path, text: str) -> None:

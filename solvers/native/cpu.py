@@ -85,3 +85,8 @@ def this_cpu() -> Cpu:
     except (ValueError, OSError):  # not the GNU C library
         libc = ""
     return parse(source.read_text(encoding="utf-8") if source.exists() else "", platform.machine(), libc)
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -158,8 +158,8 @@ def study(
 
     Every episode is kept when it is done. Exit code 1 if some could not be run.
     """
-    from piaffe.sampling.cores import available_cores
     from piaffe.sampling.study import Study, require_pyarrow, write_parquet
+    from piaffe.solvers.native import available_cores
 
     from .study_figures import draw_study
     from .study_file import read_study

@@ -134,7 +134,7 @@ def test_units_compile_at_the_same_time(
     wrapper: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CC", str(wrapper("sleep 0.3")))
-    monkeypatch.setattr(sys.modules[build.__module__], "_cores", lambda: 2)
+    monkeypatch.setattr(sys.modules[build.__module__], "available_cores", lambda: 2)
     build(UNITS, headers=HEADER)
     assert [line.split()[0] for line in log_of(tmp_path)] == ["begin", "begin", "end", "end", "begin", "end"]
 
