@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from threading import Lock
 from types import TracebackType
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ShapeError
+from piaffe.errors import SamplingError, ShapeError
 
 Array = NDArray[np.float64]
 
@@ -61,13 +62,24 @@ class Engine(ABC):
 
     Attributes:
         name: what it is asked for by.
+        nq: number of positions.
+        nv: number of speeds.
+        nu: number of controls.
+        closed: whether it was closed.
     """
 
     name: ClassVar[str]
 
-    @abstractmethod
+    def __init__(self, nq: int, nv: int, nu: int) -> None:
+        self.nq, self.nv, self.nu = nq, nv, nu
+        self.closed = False
+        self._turn = Lock()
+
     def rollout(self, x0: Array, controls: Array) -> Rollouts:
-        """Simulate control sequences.
+        """Simulate control sequences from a state, or from one state each.
+
+        A sample fails when it leaves the finite numbers, moves faster than ``MAX_SPEED``, is given a control that is
+        not finite, or makes the simulator stop; see :class:`Rollouts` for what its states are then.
 
         Args:
             x0: initial state, (nx,), or one per sample, (n, nx).
@@ -75,11 +87,36 @@ class Engine(ABC):
 
         Raises:
             ShapeError: an array has the wrong shape.
+            SamplingError: the engine was closed, or another thread's rollout is under way.
         """
+        if self.closed:
+            raise SamplingError(
+                f"{self.name} engine: rollout after close() - got a closed engine, expected an open one; make a new one"
+            )
+        x0, controls = shapes(f"{self.name} engine", x0, controls, self.nq + self.nv, self.nu)
+        if not self._turn.acquire(blocking=False):
+            raise SamplingError(
+                f"{self.name} engine: rollout - got a second one while another thread's is under way, expected one at a "
+                "time; make an engine for each thread"
+            )
+        try:
+            return self._simulate(x0, controls)
+        finally:
+            self._turn.release()
 
-    @abstractmethod
     def close(self) -> None:
         """Release threads and memory; the engine cannot be used afterwards."""
+        if not self.closed:
+            self.closed = True
+            self._release()
+
+    @abstractmethod
+    def _simulate(self, x0: Array, controls: Array) -> Rollouts:
+        """Simulate what :meth:`rollout` has looked at."""
+
+    @abstractmethod
+    def _release(self) -> None:
+        """Let go of threads and memory; called once."""
 
     def __enter__(self) -> Self:
         return self

@@ -17,7 +17,7 @@ from piaffe.solvers.native import NoCompilerError, available_cores, build, load
 from piaffe.solvers.native.build import SOLVER_FLAGS
 
 from ..c_library import pointer
-from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
+from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
 from .lanes_reader import scene_of
 from .lanes_scene import Scene
 from .lanes_text import SceneText
@@ -65,7 +65,8 @@ class LanesEngine(Engine):
         width: int | None = None,
     ) -> None:
         compiled = own_copy(import_mujoco(), model.compiled(), warm_start=warm_start)
-        self.nq, self.nv, self.nu, self.substeps = compiled.nq, compiled.nv, compiled.nu, model.substeps
+        super().__init__(compiled.nq, compiled.nv, compiled.nu)
+        self.substeps = model.substeps
         self.threads = max(1, available_cores() if threads is None else threads)
         scene = scene_of(compiled)
         try:
@@ -76,29 +77,11 @@ class LanesEngine(Engine):
             ) from error
         self._run, size = loaded.piaffe_simulate, loaded.piaffe_simulate_memory()
         self._memory = [np.zeros(size + _ALIGNMENT, dtype=np.uint8) for _ in range(self.threads)]
-        self._pool: ThreadPoolExecutor | None = ThreadPoolExecutor(max(1, self.threads - 1))
+        self._pool = ThreadPoolExecutor(max(1, self.threads - 1))
         self._states: dict[tuple[int, int], Array] = {}
         self._compare(model, scene, warm_start)
 
-    def rollout(self, x0: Array, controls: Array) -> Rollouts:
-        """Simulate control sequences from a state, or from one state each.
-
-        A sample fails when it leaves the finite numbers, moves faster than ``MAX_SPEED``, or is given a control that
-        is not finite; see :class:`Rollouts` for what its states are then.
-
-        Args:
-            x0: initial state, (nx,), or one per sample, (n, nx).
-            controls: (n, S, nu).
-
-        Raises:
-            ShapeError: an array has the wrong shape.
-            SamplingError: the engine was closed.
-        """
-        if self._pool is None:
-            raise SamplingError(
-                "lanes engine: rollout after close() - got a closed engine, expected an open one; make a new one"
-            )
-        x0, controls = shapes("lanes engine", x0, controls, self.nq + self.nv, self.nu)
+    def _simulate(self, x0: Array, controls: Array) -> Rollouts:
         controls = np.ascontiguousarray(controls)
         n, steps = controls.shape[:2]
         lead = shared_steps(controls) if x0.ndim == 1 else 0
@@ -125,11 +108,8 @@ class LanesEngine(Engine):
             other.result()
         return Rollouts(states, self._mend(states, controls))
 
-    def close(self) -> None:
-        """End the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
-        self._pool = None
+    def _release(self) -> None:
+        self._pool.shutdown()
         self._states.clear()
 
     def _compare(self, model: Simulated, scene: Scene, warm_start: bool | None) -> None:

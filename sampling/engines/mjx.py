@@ -13,7 +13,7 @@ from piaffe.errors import SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 
 from ..translate import import_jax
-from .engine import MAX_SPEED, Array, Engine, Rollouts, Simulated, shapes
+from .engine import MAX_SPEED, Array, Engine, Rollouts, Simulated
 from .mjx_model import import_mjx, on_device
 from .native import own_copy
 
@@ -54,25 +54,12 @@ class MjxEngine(Engine):
         self._jax = import_jax()
         self.precision, self.substeps, self.device = precision, model.substeps, device
         compiled = own_copy(import_mujoco(), model.compiled(), warm_start=warm_start)
-        self.nq, self.nv, self.nu = compiled.nq, compiled.nv, compiled.nu
+        super().__init__(compiled.nq, compiled.nv, compiled.nu)
         with self.computing():
             self._model, self._blank = on_device(compiled, device)
             self._roll = self._jax.jit(self._jax.vmap(self.states, (0, 0)))
 
-    def rollout(self, x0: Array, controls: Array) -> Rollouts:
-        """Simulate control sequences from a state, or from one state each.
-
-        A sample fails when it leaves the finite numbers, moves faster than ``MAX_SPEED``, or is given a control that
-        is not finite; see :class:`Rollouts` for what its states are then.
-
-        Args:
-            x0: initial state, (nx,), or one per sample, (n, nx).
-            controls: (n, S, nu).
-
-        Raises:
-            ShapeError: an array has the wrong shape.
-        """
-        x0, controls = shapes("mjx engine", x0, controls, self.nq + self.nv, self.nu)
+    def _simulate(self, x0: Array, controls: Array) -> Rollouts:
         starts = np.broadcast_to(x0, (len(controls), x0.shape[-1]))
         with self.computing():
             jnp = self._jax.numpy
@@ -122,8 +109,7 @@ class MjxEngine(Engine):
         (_, _, failed), path = self._jax.lax.scan(step, (data, start, failed), controls)
         return jnp.concatenate([start[None], path]), failed
 
-    def close(self) -> None:
-        """Release the compiled functions and the model on the device."""
+    def _release(self) -> None:
         self._roll = self._model = self._blank = None
 
 

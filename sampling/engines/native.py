@@ -15,7 +15,7 @@ from piaffe.errors import ModelError, SamplingError
 from piaffe.models.mujoco_look import import_mujoco
 from piaffe.solvers.native import available_cores
 
-from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shapes, shared_steps
+from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
 from .take import no_time, take
 
 CHUNKS_PER_THREAD = 16  # so that 513 samples, or 1025, make two even shares
@@ -76,32 +76,14 @@ class NativeEngine(Engine):
         self._chunk = chunk
         self._mujoco = mujoco
         self._model = own_copy(mujoco, model.compiled(), warm_start=warm_start)
-        self.nq, self.nv, self.nu = self._model.nq, self._model.nv, self._model.nu
+        super().__init__(self._model.nq, self._model.nv, self._model.nu)
         self._data = [mujoco.MjData(self._model) for _ in range(max(self.threads, 1))]
         self._pool: Any = Rollout(nthread=self.threads)
         self._alone = Rollout(nthread=0)  # works on the calling thread
         no_time()  # compiled now, rather than in the first rollout
         self._buffers: dict[tuple[int, int, int], _Buffers] = {}
 
-    def rollout(self, x0: Array, controls: Array) -> Rollouts:
-        """Simulate control sequences from a state, or from one state each.
-
-        A sample fails when it leaves the finite numbers, moves faster than ``MAX_SPEED``, is given a control that is
-        not finite, or makes MuJoCo run out of memory for contacts; see :class:`Rollouts` for what its states are then.
-
-        Args:
-            x0: initial state, (nx,), or one per sample, (n, nx).
-            controls: (n, S, nu).
-
-        Raises:
-            ShapeError: an array has the wrong shape.
-            SamplingError: the engine was closed.
-        """
-        if self._pool is None:
-            raise SamplingError(
-                "native engine: rollout after close() - got a closed engine, expected an open one; make a new one"
-            )
-        x0, controls = shapes("native engine", x0, controls, self.nq + self.nv, self.nu)
+    def _simulate(self, x0: Array, controls: Array) -> Rollouts:
         n, steps = controls.shape[:2]
         with quiet(self._mujoco):
             lead = self._lead(x0, controls)
@@ -123,11 +105,8 @@ class NativeEngine(Engine):
         memory.states[:, 0], memory.states[:, 1 : first + 1] = x0, lead.states
         return Rollouts(memory.states, self._mend(memory, controls, first))
 
-    def close(self) -> None:
-        """End the threads."""
-        if self._pool is not None:
-            self._pool.close()
-        self._pool = None
+    def _release(self) -> None:
+        self._pool.close()
         self._buffers.clear()
 
     def _lead(self, x0: Array, controls: Array) -> _Lead:

@@ -1,5 +1,8 @@
 """Rollout engines: the same states as stepping by hand, and no surprise when a simulation diverges."""
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+
 import mujoco
 import numpy as np
 import pytest
@@ -295,11 +298,32 @@ def test_shapes_are_checked(engine):
         engine.rollout(solo.STANDING[1:], solo.controls(2, 5))
 
 
-def test_a_closed_engine_says_so():
-    engine = NativeEngine(solo.simulated())
+@pytest.mark.parametrize("name", ["native", "mjx"])
+def test_a_closed_engine_says_so(name):
+    engine = engine_for(solo.simulated(), name)
     engine.close()
-    with pytest.raises(SamplingError, match=r"rollout after close\(\)"):
+    engine.close()  # does nothing more
+    with pytest.raises(SamplingError, match=rf"{name} engine: rollout after close\(\)"):
         engine.rollout(solo.STANDING, solo.controls(1, 1))
+
+
+def test_a_second_rollout_at_once_is_refused():
+    started, go_on = Event(), Event()
+
+    class Slow(NativeEngine):
+        def _simulate(self, x0, controls):
+            started.set()
+            assert go_on.wait(30.0)
+            return super()._simulate(x0, controls)
+
+    with Slow(solo.simulated()) as engine, ThreadPoolExecutor(1) as other:
+        first = other.submit(engine.rollout, solo.STANDING, solo.controls(2, 1))
+        assert started.wait(30.0)
+        with pytest.raises(SamplingError, match="native engine: rollout - got a second one"):
+            engine.rollout(solo.STANDING, solo.controls(2, 1))
+        go_on.set()
+        assert first.result().failures == 0
+        assert engine.rollout(solo.STANDING, solo.controls(2, 1)).failures == 0
 
 
 def test_actuators_with_a_state_of_their_own_are_refused():
