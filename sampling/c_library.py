@@ -1,14 +1,19 @@
-"""Small pieces of C that plans wait for, where a compiler works."""
+"""Small pieces of C that plans wait for, where a compiler works; and C on several threads."""
 
 from __future__ import annotations
 
 import ctypes as ct
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, wait
 from importlib.resources import files
+from typing import TypeVar
 
 import numpy as np
 
 from piaffe.solvers.native import NoCompilerError, build, load
 from piaffe.solvers.native.build import SOLVER_FLAGS
+
+Part = TypeVar("Part")
 
 
 def c_library(package: str, name: str, label: str) -> ct.CDLL | None:
@@ -29,3 +34,14 @@ def c_library(package: str, name: str, label: str) -> ct.CDLL | None:
 def pointer(array: np.ndarray) -> ct.c_void_p:
     """Return where an array's numbers are."""
     return ct.c_void_p(array.ctypes.data)
+
+
+def side_by_side(run: Callable[[Part], None], parts: Sequence[Part], pool: Executor) -> None:
+    """Run the first part on this thread and the others in the pool; all have ended when this returns or raises."""
+    others = [pool.submit(run, part) for part in parts[1:]]
+    try:
+        run(parts[0])
+    finally:  # interrupted or not: they write into memory that the next call uses
+        wait(others)
+    for other in others:
+        other.result()

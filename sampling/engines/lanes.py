@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import ctypes as ct
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SamplingError
+from piaffe.models import recursions, tree
 from piaffe.models.mujoco_look import import_mujoco
+from piaffe.ocp import lanes as ocp_lanes
+from piaffe.ocp import rotation
 from piaffe.ocp.lanes import generate
 from piaffe.solvers.native import NoCompilerError, available_cores, build, load
 from piaffe.solvers.native.build import SOLVER_FLAGS
+from piaffe.solvers.native.texts import Origin, Texts
 
-from ..c_library import pointer
+from ..c_library import pointer, side_by_side
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
+from . import lanes_text
 from .lanes_reader import scene_of
 from .lanes_scene import Scene
 from .lanes_text import SceneText
@@ -29,6 +36,7 @@ _ALIGNMENT = 64  # bytes: of the widest vectors
 _AGREEMENT = 1e-7
 _FEW = 4  # iterations
 _TRIALS, _TRIAL_STEPS = 32, 3
+_MAKERS = (lanes_text, recursions, tree, rotation, ocp_lanes)  # whose code makes the smooth dynamics' C
 
 
 class DifferentError(SamplingError):
@@ -99,13 +107,7 @@ class LanesEngine(Engine):
             )  # fmt: skip
 
         busy = [thread for thread in range(self.threads) if self._part(n, thread)[0] < self._part(n, thread)[1]]
-        others = [self._pool.submit(run, thread) for thread in busy[1:]]
-        try:
-            run(busy[0])
-        finally:  # interrupted or not: they write into memory that the next rollout uses
-            wait(others)
-        for other in others:
-            other.result()
+        side_by_side(run, busy, self._pool)
         return Rollouts(states, self._mend(states, controls))
 
     def _release(self) -> None:
@@ -150,14 +152,17 @@ class LanesEngine(Engine):
 def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     """Return the library of a scene, and how many lanes it has."""
     template = files(__package__).joinpath("template", "simulate.c").read_text(encoding="utf-8")
-    made = generate({"smooth": text.smooth})
-    built = build(
-        [*((unit.name, unit.text) for unit in made.units), ("simulate", template)],
-        headers={**made.headers, "scene.h": text.header},
-        flags_per_unit={"simulate": SOLVER_FLAGS},
-        width=width,
-        label="rollouts in lanes",
-    )
+
+    def texts() -> Texts:
+        made = generate({"smooth": text.smooth})
+        units = [*((unit.name, unit.text) for unit in made.units), ("simulate", template)]
+        return Texts(units, {**made.headers, "scene.h": text.header}, {"simulate": SOLVER_FLAGS})
+
+    # Texts that are short, and what the long one follows from. Were a module forgotten here, a library that its change
+    # has outdated would be noticed when it is compared with MuJoCo.
+    makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
+    parts = [template, text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.LANES_H, *makers]
+    built = build(Origin(parts, texts), width=width, label="rollouts in lanes")
     loaded = load(built)
     loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long
     return loaded, built.width

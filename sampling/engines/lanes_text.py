@@ -69,6 +69,16 @@ class SceneText:
         dense = [cs.densify(each) for each in outputs.values()]
         return cs.Function("smooth", [q, v, u], dense, ["q", "v", "u"], list(outputs), {"cse": True})
 
+    @property
+    def numbers(self) -> str:
+        """All numbers that :attr:`smooth` has in it, to the last digit."""
+        scene, tree = self.scene, self.scene.tree
+        arrays = [
+            tree.rotations, tree.offsets, tree.axes, tree.mass, tree.com, tree.inertia, scene.armature, scene.gravity,
+            scene.gain, scene.bias, scene.force_range, *(ball.offset for ball in scene.balls),
+        ]  # fmt: skip
+        return repr([tree.parents, [ball.link for ball in scene.balls], [array.tolist() for array in arrays]])
+
     @cached_property
     def header(self) -> str:
         """Text of ``scene.h``."""

@@ -17,6 +17,7 @@ from piaffe.ocp.lanes import generate
 from piaffe.solvers.native import build, load
 from piaffe.solvers.native.build import SOLVER_FLAGS
 
+from ..c_library import side_by_side
 from .kernel import PER_SAMPLE, Kernel
 
 Array = NDArray[np.float64]
@@ -122,11 +123,11 @@ class NativeKernel(Kernel):
                 ct.c_long(steps), ct.c_long(first), ct.c_long(last), ct.c_void_p(self._memory[thread].ctypes.data),
             )  # fmt: skip
 
-        own, *others = self._parts(n, steps)
-        started = [self._pool.submit(run, part) for part in others] if self._pool is not None else []
-        run(own)
-        for each_started in started:
-            each_started.result()
+        parts = self._parts(n, steps)
+        if self._pool is None:
+            run(parts[0])
+        else:
+            side_by_side(run, parts, self._pool)
         return results
 
     def _parts(self, n: int, steps: int) -> list[tuple[int, int, int]]:

@@ -275,6 +275,18 @@ def test_trials_that_all_diverge_are_no_agreement(monkeypatch):
         LanesEngine(model)
 
 
+def test_what_is_in_the_cache_is_not_written_again(monkeypatch):
+    def fail(*args, **options):
+        raise AssertionError("written again")
+
+    LanesEngine(simulated()).close()
+    monkeypatch.setattr(lanes, "generate", fail)
+    LanesEngine(simulated()).close()
+    changed = models.Mujoco(models.load("solo12"), payload=models.payload(0.01 * np.random.default_rng().uniform()))
+    with pytest.raises(AssertionError, match="written again"):
+        LanesEngine(changed)
+
+
 FOREIGN = {
     "body_gravcomp": lambda model: model.body_gravcomp.__setitem__(3, 0.5),
     "geom_surfacevel": lambda model: model.geom_surfacevel.__setitem__(0, 0.1),
