@@ -8,7 +8,7 @@ from piaffe import models, ocp, sampling, solvers
 from piaffe.models import base, feet, joints
 
 SPEED = 0.3  # [m/s]
-HIP_LIMIT, HEIGHT_LIMIT = 0.1, 0.245  # [rad], [m]
+HIP_LIMIT, HEIGHT_LIMIT = 0.08, 0.245  # [rad], [m]
 
 robot = models.load("solo12", rotors=True)
 body = models.WholeBody(robot)
@@ -39,7 +39,7 @@ terrains = {
     "stairs": models.terrain.stairs(rise=0.04, run=0.25, steps=3),
 }
 reward = sampling.Reward(scale=0.3)
-options = sampling.Options(samples=512, sigma=0.5, p_max=0.08, discount=0.95)  # without the value p_max should be 0.5
+options = sampling.Options(samples=512, sigma=0.5, p_max=0.1, discount=0.95)  # without the value p_max should be 0.5
 value = "solo12_trot.value"  # learnt by train_value.py, on flat ground
 
 
