@@ -42,7 +42,7 @@ def test_every_command_has_help(capsys: pytest.CaptureFixture[str], command: str
 
 
 def test_it_runs_as_a_module() -> None:
-    done = subprocess.run([sys.executable, "-m", "piaffe.cli", "--version"], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, "-m", "piaffe", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"piaffe {__version__}\n"
 
 

@@ -27,7 +27,7 @@ def playback(hop: Path) -> Playback:
 
 def command(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a command in a process of its own: how MuJoCo renders is settled when it is imported."""
-    line = [sys.executable, "-W", "error", "-m", "piaffe.cli", *map(str, arguments)]
+    line = [sys.executable, "-W", "error", "-m", "piaffe", *map(str, arguments)]
     return subprocess.run(line, env={**os.environ, **environment}, capture_output=True, text=True)
 
 

@@ -223,7 +223,7 @@ def test_an_episode_is_filmed_or_the_missing_package_named(sampled_file: Path, t
     target = tmp_path / "v.mp4"
     line = ["mppi", sampled_file, *QUICK, "--video", target, "--size", "192x108"]
     done = subprocess.run(
-        [sys.executable, "-m", "piaffe.cli", *map(str, line)], env=os.environ, capture_output=True, text=True
+        [sys.executable, "-m", "piaffe", *map(str, line)], env=os.environ, capture_output=True, text=True
     )
     if done.returncode == 2:
         assert "libosmesa6" in done.stderr

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -137,6 +139,29 @@ def test_an_unknown_executor_or_rule_is_refused(capsys: pytest.CaptureFixture[st
     assert "executor is unknown - got 'threads', expected 'process' or" in " ".join(capsys.readouterr().err.split())
     assert main(["study", str(study_file), "--stale", "drop"]) == 2
     assert "--stale: is unknown - got 'drop'" in capsys.readouterr().err
+
+
+def test_dask_workers_of_several_threads_are_refused(
+    capsys: pytest.CaptureFixture[str], study_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Client:
+        def __init__(self, address: str) -> None:
+            if address != "tcp://here:1":
+                raise ValueError(f"no scheme in {address}")
+
+        def nthreads(self) -> dict[str, int]:
+            return {"tcp://here:2": 1, "tcp://here:3": 4}
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client))
+    for address, message in (
+        ("tcp://here:1", "Dask's workers - got 4 threads in one, expected processes of one thread"),
+        ("there", "Dask's scheduler is not reached - got no scheme in there, expected one at 'there'"),
+    ):
+        assert main(["study", str(study_file), "--executor", f"dask:{address}"]) == 2
+        assert message in " ".join(capsys.readouterr().err.split())
 
 
 # ---- tables and curves

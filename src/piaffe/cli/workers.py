@@ -71,7 +71,7 @@ def executor_of(kind: str, workers: int, threads: int) -> Iterator[Executor]:
         threads: of each worker's arithmetic.
 
     Raises:
-        SamplingError: the kind is unknown, or Dask is not installed or not reached.
+        SamplingError: the kind is unknown, Dask is not installed or not reached, or its workers have several threads.
     """
     if kind == "process":
         with _environment(threads):
@@ -96,11 +96,19 @@ def _dask(address: str) -> Any:
             "--executor process"
         ) from error
     try:
-        return Client(address)
-    except OSError as error:
+        client = Client(address)
+    except (OSError, ValueError) as error:
         raise SamplingError(
             f"study: Dask's scheduler is not reached - got {error}, expected one at '{address}'; check the address"
         ) from error
+    most = max(client.nthreads().values(), default=1)
+    if most > 1:
+        client.close()
+        raise SamplingError(
+            f"study: Dask's workers - got {most} threads in one, expected processes of one thread: CasADi cannot build "
+            "expressions in two at once; start them by 'dask worker ADDRESS --nworkers auto --nthreads 1'"
+        )
+    return client
 
 
 @contextmanager

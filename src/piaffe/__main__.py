@@ -1,0 +1,7 @@
+"""``python -m piaffe``: the command line without its script."""
+
+import sys
+
+from piaffe.cli import main
+
+sys.exit(main())
