@@ -90,6 +90,15 @@ class Mujoco(LeggedModel):
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.Mujoco")
+        for what, got, kind, maker in (
+            ("terrain", terrain, Terrain, "models.terrain.stairs(...)"),
+            ("payload", payload, Payload, "models.payload(mass)"),
+            ("contact", contact, SoftContact, "models.SoftContact(...)"),
+        ):
+            if not (got is None or isinstance(got, kind)):
+                raise ModelError(
+                    f"models.Mujoco: {what} is unusable - got {got!r}, expected a {kind.__name__}; make one, as {maker}"
+                )
         self.terrain: Terrain = terrain if terrain is not None else Flat()
         self.timestep, self.substeps = _step(robot, timestep, substeps)
         self.contact, self.friction = contact or SoftContact(), float(friction)

@@ -7,7 +7,7 @@ numbers, timings and contact sets are parameters, so declarations of equal struc
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import groupby
@@ -290,15 +290,20 @@ class Compilation:
                     f"it is meant for {_phases_of(term)} at '{term.at}', and no such phase among {names} has a model "
                     "with it"
                 )
-            raise ProblemError(
-                f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one "
-                "model and phase; correct it or remove it"
-            )
+            raise nowhere(term, whys)
         slots = {f"{model.name}.{slot.name}" for model in self.models for slot in model.slots}
         for name in sorted(set(self.problem.parameters) - self.numbers.used):
             if complete or name.split(".")[0] in {model.name for model in self.models}:
                 known = sorted(slots | self.numbers.used)
                 raise UnknownNameError(f"problem ({self.problem.source})", "parameter", name, known)
+
+
+def nowhere(term: Term, whys: Iterable[str]) -> ProblemError:
+    """Return the error of a term that applies nowhere, for some reasons."""
+    return ProblemError(
+        f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one model and "
+        "phase; correct it or remove it"
+    )
 
 
 def _phases_of(term: Term) -> str:

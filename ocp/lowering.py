@@ -17,6 +17,7 @@ from .symbols import NodeSymbols
 from .term import Constraint, Cost
 
 LEFT_OUT = "left out by the schedule"
+_FEW = 16  # names that are listed
 
 Groups = dict[str, list[Rows]]
 
@@ -135,7 +136,8 @@ def _derivatives(
 def _cannot(model: ModelBase, error: UnknownNameError) -> str:
     """Return why a model cannot supply what a term speaks of."""
     if error.what == "component":
-        return f"{error.where} of model '{model.name}' has no component '{error.name}'{error.hint}"
+        has = f" (it has {', '.join(error.known)})" if len(error.known) <= _FEW else ""
+        return f"{error.where} of model '{model.name}' has no component '{error.name}'{error.hint or has}"
     return f"model '{model.name}' cannot supply '{error.name}'{error.hint}"
 
 

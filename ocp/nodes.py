@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
 
-from .compile import RUNNING, Compilation
+from .compile import RUNNING, Compilation, nowhere
+from .lowering import LEFT_OUT
 from .mode import LoweredMode
 from .model import Sample
 from .path import Interval
@@ -48,7 +49,8 @@ class Nodes:
         problem: the declaration.
 
     Raises:
-        ProblemError: the schedule has several models or one that modes cut, or a term holds at phases' ends.
+        ProblemError: the schedule has several models or one that modes cut, or a term speaks of what the model cannot
+            supply, or holds at phases' ends.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -66,10 +68,14 @@ class Nodes:
         first = self._path.interval_at(0.0)
         self._stretch = Stretch(segment, first, 0.0, 1, False, None)
         self.mode: LoweredMode = self._compilation.mode(self._stretch)
+        for k, why in self.mode.unbound.items():
+            if why != LEFT_OUT:
+                raise nowhere(self.terms[k], [why])
         self._refuse_phase_ends(segment.excluded)
         self._weights = self._compilation.weights(self.mode)
         self._rows: list[tuple[Array, Array, Array, Array]] = []
         self._samples: list[Sample] = []
+        self._fill(1)  # what weights and bounds refuse, they refuse now
 
     @property
     def duration(self) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError
-from piaffe.models import base
+from piaffe.models import Mujoco, base
 
 from .engines import NativeEngine
 from .mppi import MPPI
@@ -120,8 +120,11 @@ def run_episode(
         progress: called after every step.
 
     Raises:
-        SamplingError: the plant's control step is another, or the latency is longer than a control step.
+        SamplingError: there are no steps, the plant is another robot or has another control step, or the latency is
+            longer than that.
     """
+    if steps < 1:
+        raise SamplingError(f"episode: steps are out of range - got {steps!r}, expected at least 1; change them")
     plant = controller.model.as_plant() if plant is None else plant
     lag = _lag(controller, plant, latency)
     k0 = round(start / controller.dt)
@@ -168,6 +171,12 @@ class _SingleSteps:
 
 def _lag(controller: MPPI, plant: Any, latency: float) -> int:
     """Return a latency in steps of the plant's simulator."""
+    if not (isinstance(plant, Mujoco) and plant.robot.name == controller.model.robot.name):
+        name = getattr(plant, "name", plant)
+        raise SamplingError(
+            f"episode: plant is unusable - got {name!r}, expected robot '{controller.model.robot.name}' as a "
+            "models.Mujoco; make it with model.as_plant()"
+        )
     if abs(plant.dt - controller.dt) > 1e-9:
         raise SamplingError(
             f"episode: plant '{plant.name}' has another control step - got {plant.dt:g} s, expected {controller.dt:g} "

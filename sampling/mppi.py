@@ -62,7 +62,11 @@ class MPPI:
         self, problem: Problem, options: Options | None = None, *, reward: Reward | None = None, **changed: Any
     ) -> None:
         self.options = replace(options or self.defaults, **changed)
-        self.problem, self.reward = problem, reward or Reward()
+        self.problem, self.reward = problem, Reward() if reward is None else reward
+        if not isinstance(self.reward, Reward):
+            raise SamplingError(
+                f"controller: reward is unusable - got {reward!r}, expected a sampling.Reward; pass Reward(scale=...)"
+            )
         self.nodes = Nodes(problem)
         self.model = _simulated(problem)
         self.dt = self.nodes.dt
@@ -93,8 +97,16 @@ class MPPI:
         Args:
             x: state (nx,), finite.
             t: time since the motion's start [s]; in multiples of dt unless ``shift="elapsed"``.
+
+        Raises:
+            ShapeError: the state has the wrong size.
+            SamplingError: the state or the time is not finite, or the time negative or no multiple of dt.
         """
         start = self._checked(x)
+        if not 0.0 <= t < float("inf"):
+            raise SamplingError(
+                f"plan: time is out of range - got {t!r}, expected seconds since the motion's start; pass those"
+            )
         k = round(t / self.dt)
         first = self._plan is None
         nodes = self._first_guess(start) if self._plan is None else self._shifted(self._plan, t)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
+from numbers import Integral, Real
 from typing import Literal
 
 from piaffe.errors import SamplingError
@@ -61,15 +63,15 @@ class Options:
     def __post_init__(self) -> None:
         whole = {"samples": 1, "knots": 2, "stages": 1, "first_stages": 1, "seed": 0}
         for name, least in whole.items():
-            if not (isinstance(getattr(self, name), int) and getattr(self, name) >= least):
+            if not _whole(getattr(self, name), least):
                 self._refuse(name, f"a whole number, at least {least}")
         for name in ("temperature", "sigma", "stage_factor", "node_factor", "violation_floor"):
-            if not getattr(self, name) > 0:
+            if not (_number(getattr(self, name)) and getattr(self, name) > 0):
                 self._refuse(name, "a positive number")
         for name in ("discount", "violation_rate"):
-            if not 0 < getattr(self, name) <= 1:
+            if not (_number(getattr(self, name)) and 0 < getattr(self, name) <= 1):
                 self._refuse(name, "a number in (0, 1]")
-        if self.threads is not None and self.threads < 1:
+        if not (self.threads is None or _whole(self.threads, 1)):
             self._refuse("threads", "a whole number, at least 1, or None")
         for name, choices in (
             ("noise", ("factors", "exponential")),
@@ -79,10 +81,18 @@ class Options:
             if getattr(self, name) not in choices:
                 self._refuse(name, " or ".join(f"'{choice}'" for choice in choices))
         shares = self.p_max.values() if isinstance(self.p_max, Mapping) else (self.p_max,)
-        if not all(0 <= share <= 1 for share in shares):
-            self._refuse("p_max", "numbers in [0, 1]")
+        if not all(_number(share) and 0 <= share <= 1 for share in shares):
+            self._refuse("p_max", "a number in [0, 1], or one for each constraint by name")
 
     def _refuse(self, name: str, expected: str) -> None:
         raise SamplingError(
             f"sampling options: {name} is out of range - got {getattr(self, name)!r}, expected {expected}; change it"
         )
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
+
+
+def _whole(value: object, least: int) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least

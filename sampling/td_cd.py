@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.errors import SamplingError
 from piaffe.ocp import Problem
 from piaffe.ocp.nodes import Nodes
 
@@ -81,6 +82,11 @@ class TDCDMPPI(DIAL):
             return load_value(value, self, allow=allow)
         if isinstance(value, Value):
             value.check(self, allow)
+        elif not (value is None or callable(value)):
+            raise SamplingError(
+                f"controller: value is unusable - got {type(value).__name__}, expected a function of states, a Value, or "
+                "the path of one; learn one by piaffe.sampling.train_value"
+            )
         return value
 
     def returns(self, rolled: Rolled) -> Array:

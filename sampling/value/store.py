@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import FileFormatError, SamplingError
+from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 from piaffe.ocp.nodes import Nodes
 
 from .compiled import compiled_network
@@ -104,17 +104,24 @@ class Value:
 
         Raises:
             SamplingError: an entry differs that is not allowed to; the message names it.
+            UnknownNameError: there is no entry of a name that is allowed to differ.
         """
         now = fingerprint(controller.nodes, controller.reward, controller.options, self.inputs)
+        allow = allow.replace(",", " ").split() if isinstance(allow, str) else allow
+        entries = sorted({*self.made_for, *now})
+        for name in allow:
+            if name.split(".")[0] not in entries:
+                raise UnknownNameError(f"{where}, allow", "entry", name, entries)
         found = differences(self.made_for, json.loads(json.dumps(now)))
         found = [each for each in found if not any(each[0] == n or each[0].startswith(f"{n}.") for n in allow)]
         if found:
             path, kept, here = found[0]
-            entries = tuple(dict.fromkeys(each.split(".")[0] for each, _, _ in found))
+            others = tuple(dict.fromkeys(each.split(".")[0] for each, _, _ in found))
+            use = f", or pass allow={others} (--allow \"{' '.join(others)}\") to use it all the same"
             raise SamplingError(
                 f"{where}: was learnt for something else - got '{path}' {_brief(here)}, expected {_brief(kept)}"
-                f"{f' (and {len(found) - 1} more differ)' if len(found) > 1 else ''}; learn one for this problem, or "
-                f"pass allow={entries} to use it all the same"
+                f"{f' (and {len(found) - 1} more differ)' if len(found) > 1 else ''}; learn one for this problem"
+                f"{'' if 'robot' in others else use}"
             )
 
     def save(self, path: str | os.PathLike[str], precision: Precision = "single") -> Path:
@@ -211,6 +218,11 @@ def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:
                 for name in archive.namelist()
                 if name.endswith(".npy")
             }
+    except OSError as error:
+        raise FileFormatError(
+            f"value '{file}': cannot be read - got {error.strerror or error}, expected the path of a value; correct it, or "
+            "learn one by piaffe.sampling.train_value"
+        ) from error
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
         raise FileFormatError(
             f"value '{file}': cannot be read - got {error}, expected a file written by Value.save; copy or learn it "

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Self
 
 
 class PiaffeError(Exception):
@@ -40,6 +41,9 @@ class UnknownNameError(ModelError, KeyError):
         self.hint = f" (did you mean '{nearest[0]}'?)" if nearest else ""
         advice = f"did you mean {close}?" if close else "use one of the names that exist"
         super().__init__(f"{where}: no {what} '{name}' - got '{name}', expected one of {list(self.known)}; {advice}")
+
+    def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:  # processes of a study send errors to each other
+        return type(self), (self.where, self.what, self.name, self.known)
 
     def __str__(self) -> str:  # KeyError would print the quoted repr
         return str(self.args[0])

@@ -14,7 +14,7 @@ from piaffe.cli import main
 from piaffe.cli.episodes import summary
 from piaffe.cli.sampled import load_declared
 from piaffe.cli.trials import CONTROLLERS, complete, options_of, prepare
-from piaffe.errors import FileFormatError, PiaffeError, ProblemError, SamplingError
+from piaffe.errors import FileFormatError, PiaffeError, ProblemError, SamplingError, UnknownNameError
 from piaffe.sampling.records import load_episodes
 
 QUICK = ("--controller", "dial", "--steps", "3")
@@ -77,6 +77,13 @@ def test_what_cannot_be_sampled_is_refused(sampled_file: Path, name: str, messag
     assert message in str(error.value)
 
 
+def test_a_file_without_any_problem_is_told_what_to_declare(tmp_path: Path) -> None:
+    file = tmp_path / "empty.py"
+    file.write_text("print(1)\n")
+    with pytest.raises(ProblemError, match="has no problem - got no ocp.Problem.*, expected 'sampled_problem'"):
+        load_declared(str(file))
+
+
 def test_a_reward_that_is_none_is_refused(sampled_file: Path, tmp_path: Path) -> None:
     file = tmp_path / "odd.py"
     file.write_text(sampled_file.read_text() + "\nreward = 0.5\n")
@@ -104,6 +111,9 @@ def test_options_for_all_leave_the_rest_to_each_controller(sampled_file: Path, t
     file.write_text(sampled_file.read_text() + "\noptions = {'dial': {'sample': 9}}\n")
     with pytest.raises(SamplingError, match="options of 'dial': cannot be used - got .*'sample'"):
         settings(file, controller="dial")
+    file.write_text(sampled_file.read_text() + "\noptions = {'tdcd': {'samples': 9}}\n")
+    with pytest.raises(UnknownNameError, match="options: no controller 'tdcd' - got"):
+        settings(file, controller="td-cd")
 
 
 @pytest.mark.parametrize(
@@ -116,6 +126,8 @@ def test_options_for_all_leave_the_rest_to_each_controller(sampled_file: Path, t
         ({"spread": {"joint": 0.1}}, "no deviation of initial states 'joint'"),
         ({"spread": 3}, "spread is unusable - got 3, expected true, false or deviations by name"),
         ({"samples": 0}, "samples is out of range - got 0"),
+        ({"temperature": "hot"}, "temperature is out of range - got 'hot'"),
+        ({"seed": 3}, "'seed' is no setting - got 3, expected --seed, --seeds, or a study's seeds"),
         ({"controller": "dial", "value": "v.value"}, "controller 'dial' uses no value - got 'v.value'"),
     ],
 )

@@ -70,6 +70,8 @@ def test_blocks_become_cases_with_all_settings(study_file: Path) -> None:
         ('file = "sampled.py"\nplant_timestep = 0.003', "timestep does not divide the schedule's step - got 0.003 s"),
         ('file = "sampled.py"\nknots = 1', "knots is out of range - got 1"),
         ('file = "sampled.py"\nseries = 3', "series is unusable - got 3"),
+        ('file = "sampled.py"\nseries = {knee = 1.0}', "series: no joint 'knee' - got 'knee', expected one of ['he"),
+        ('file = "sampled.py"\nhorizon = []', "has no episodes - got an empty list"),
         ('file = "sampled.py"\ngrid = 3', "grid is unusable - got 3, expected tables"),
     ],
 )
@@ -78,6 +80,18 @@ def test_what_is_wrong_is_found_before_anything_runs(study_file: Path, text: str
     with pytest.raises(PiaffeError) as error:
         read_study(study_file)
     assert message in str(error.value)
+
+
+def test_a_dry_run_makes_every_controller(capsys: pytest.CaptureFixture[str], study_file: Path) -> None:
+    study_file.write_text('file = "sampled.py"\ncontroller = "td-cd"\np_max = { hips = 0.1 }\nhorizon = 3')
+    assert main(["study", str(study_file), "--dry-run"]) == 2
+    assert "sampling options, p_max: no constraint 'hips'" in " ".join(capsys.readouterr().err.split())
+    assert main(["study", str(study_file), "--workers", "1", "--executor", "process"]) == 1  # the pool lives on
+    assert "seed 0: sampling options, p_max: no constraint 'hips'" in " ".join(capsys.readouterr().err.split())
+    assert main(["study", str(study_file), "--tables"]) == 0
+    assert "no episode is done yet" in capsys.readouterr().out
+    assert main(["study", str(study_file.with_name("none.toml"))]) == 2
+    assert "cannot be read - got No such file" in " ".join(capsys.readouterr().err.split())
 
 
 def test_comments_and_layout_are_no_other_code(study_file: Path) -> None:

@@ -256,6 +256,15 @@ def test_what_a_simulator_cannot_supply(term, why):
     ocp.compile_problem(problem(PLANT, constraints=ocp.Constraints(term), without=[term]))
 
 
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [({"terrain": "stairs"}, "a Terrain"), ({"payload": 0.5}, "a Payload"), ({"contact": 4}, "a SoftContact")],
+)
+def test_parts_of_another_kind_are_refused(wrong, expected):
+    with pytest.raises(ModelError, match=f"{next(iter(wrong))} is unusable - got .*, expected {expected}"):
+        models.Mujoco(models.load("solo12"), **wrong)
+
+
 def test_solvers_that_differentiate_refuse_it():
     with pytest.raises(
         ProblemError, match="model 'solo12 in MuJoCo': has no derivatives - got a model that can only be"

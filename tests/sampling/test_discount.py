@@ -104,7 +104,9 @@ def test_a_reward_without_scale_is_refused(scale):
     "wrong",
     [
         {"samples": 0}, {"knots": 1}, {"temperature": 0.0}, {"discount": 1.5}, {"noise": "pink"}, {"p_max": 2.0},
-        {"engine": "gazebo"}, {"threads": 0}, {"shift": "back"}, {"p_max": {"a": -1.0}},
+        {"engine": "gazebo"}, {"threads": 0}, {"shift": "back"}, {"p_max": {"a": -1.0}}, {"temperature": "hot"},
+        {"temperature": float("inf")}, {"sigma": np.ones(3)}, {"sigma": True}, {"samples": True}, {"threads": 1.5},
+        {"threads": "2"}, {"discount": "0.9"}, {"p_max": "big"}, {"p_max": [0.1]}, {"p_max": {"a": "b"}},
     ],
 )  # fmt: skip
 def test_options_out_of_range_are_refused(wrong):

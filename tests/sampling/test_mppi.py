@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp, sampling
-from piaffe.errors import ProblemError, SamplingError, ShapeError
-from piaffe.models import base, feet
+from piaffe.errors import ModelError, ProblemError, SamplingError, ShapeError
+from piaffe.models import base, feet, joints
 from piaffe.sampling.td_cd import TDCDMPPI
 
 DT = 0.02
@@ -228,3 +228,52 @@ def test_latency_holds_the_control_before(trot):
     assert not np.array_equal(prompt.states, late.states)
     with pytest.raises(SamplingError, match="latency is out of range"):
         sampling.run_episode(controller, steps=3, latency=0.03)
+
+
+# ---- what is refused
+
+
+def of_terms(trot, *costs, constraints=()):
+    segment = trot.schedule.segments[0]
+    return ocp.Problem(
+        trot.motion, segment.model.over(4 * DT, dt=DT), ocp.Objective(*costs), ocp.Constraints(*constraints),
+        initial=trot.initial,
+    )  # fmt: skip
+
+
+def test_terms_that_apply_nowhere_are_refused(trot):
+    speed = ocp.track(base.linear_velocity, weight=1.0)
+    with pytest.raises(ProblemError, match=r"'hip range' \(.*\): applies nowhere - .* no component 'hip' \(it has"):
+        controller_of(of_terms(trot, speed, constraints=[models.joint_range("hip", 0.1)]))
+    cone = models.friction_cone()
+    with pytest.raises(ProblemError, match="'friction cone' .* cannot supply 'feet.force'"):
+        controller_of(of_terms(trot, speed, constraints=[cone]))
+    with pytest.raises(ModelError, match="no component 'hip'"):
+        controller_of(of_terms(trot, ocp.track(joints.position, weight={"hip": 1.0})))
+    whole = of_terms(trot, speed, constraints=[cone])
+    segment = whole.schedule.segments[0]
+    controller_of(whole.with_schedule(segment.model.over(4 * DT, dt=DT).without(cone)))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [({"reward": 0.3}, "reward is unusable - got 0.3"), ({"value": 3}, "value is unusable - got int")],
+)
+def test_what_is_no_reward_or_value_is_refused(trot, wrong, message):
+    with pytest.raises(SamplingError, match=f"controller: {message}"):
+        sampling.TDCDMPPI(trot, samples=8, **wrong)
+
+
+@pytest.mark.parametrize("t", [-1.0, np.nan, np.inf])
+def test_times_before_the_start_or_without_end_are_refused(trot, t):
+    with pytest.raises(SamplingError, match="plan: time is out of range"):
+        controller_of(trot).plan(trot.initial, t)
+
+
+def test_an_episode_needs_steps_and_a_plant_of_the_same_robot(trot):
+    controller = controller_of(trot)
+    with pytest.raises(SamplingError, match="steps are out of range - got 0"):
+        sampling.run_episode(controller, steps=0)
+    for plant in (models.WholeBody(models.load("solo12")), models.Mujoco(models.load("go2"))):
+        with pytest.raises(SamplingError, match="plant is unusable - got .*, expected robot 'solo12' as"):
+            sampling.run_episode(controller, plant)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp
-from piaffe.errors import FileFormatError, SamplingError
+from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 from piaffe.ocp.nodes import Nodes
 from piaffe.sampling import Options, Reward
 from piaffe.sampling.value import Network, Value, ValueInputs, fingerprint, load_value
@@ -134,8 +134,17 @@ def test_entries_may_be_allowed_to_differ(value: Value) -> None:
     value.check(other, allow=("terrain", "payload"))
     with pytest.raises(SamplingError, match="'payload"):
         value.check(other, allow=("terrain",))
-    with pytest.raises(SamplingError, match=r"'terrain.*pass allow=\('terrain',\)"):
+    value.check(other, allow="terrain, payload")
+    with pytest.raises(SamplingError, match=r"'terrain.*pass allow=\('terrain',\) \(--allow \"terrain\"\)"):
+        value.check(other, allow=("payload",))
+    with pytest.raises(UnknownNameError, match="value, allow: no entry 'terr'"):
         value.check(other, allow=("terr", "payload"))
+
+
+def test_a_path_that_holds_no_value_says_so(tmp_path: Path) -> None:
+    for path, why in ((tmp_path / "none.value", "No such file"), (tmp_path, "Is a directory")):
+        with pytest.raises(FileFormatError, match=f"cannot be read - got {why}.*, expected the path of a value"):
+            load_value(path)
 
 
 def test_horizon_samples_and_place_of_the_start_do_not_matter(value: Value) -> None:

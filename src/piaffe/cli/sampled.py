@@ -97,7 +97,12 @@ def load_declared(spec: str, *, quiet: bool = False) -> Declared:
     if not spec.endswith(f":{name}"):
         name = next((known for known in NAMES if hasattr(module, known)), name)
     if not hasattr(module, name):
-        raise UnknownNameError(f"file '{path}'", "problem", name, candidates(module))
+        if not (known := candidates(module)):
+            raise ProblemError(
+                f"file '{path}': has no problem - got no ocp.Problem, nor a function that returns one, expected "
+                f"'{NAMES[0]}'; declare it"
+            )
+        raise UnknownNameError(f"file '{path}'", "problem", name, known)
     found = getattr(module, name)
     settings = _settings(path, name, found) if callable(found) else {}
     return Declared(

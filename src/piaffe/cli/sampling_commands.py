@@ -162,13 +162,14 @@ def study(
     from piaffe.solvers.native import available_cores
 
     from .study_figures import draw_study
-    from .study_file import read_study
+    from .study_file import read_study, try_controllers
     from .study_tables import cells, print_cells, write_tables
-    from .workers import FileTask, executor_of
+    from .workers import FileTask, executor_of, require_executor
 
     require_pyarrow()
     if stale not in STALE:
         raise SamplingError(f"--stale: is unknown - got '{stale}', expected one of {list(STALE)}; choose one")
+    require_executor(executor)
     declared = read_study(file)
     folder = out or file.with_suffix("")
     whole = Study(declared.cases, folder)
@@ -176,6 +177,7 @@ def study(
     console = terminal(stderr=json)
     console.print(f"{len(declared.cases)} episodes, {len(missing)} of them to run; results in {folder}", soft_wrap=True)
     if dry_run:
+        try_controllers(declared)
         raise typer.Exit(0)
     cores = available_cores()
     count = workers or cores
@@ -205,6 +207,8 @@ def study(
     else:
         if rows:
             print_cells(console, rows)
+        elif tables:
+            print("no episode is done yet, so there is nothing to tabulate")
         for path in saved:
             print(f"saved {path}")
     raise typer.Exit(FAILED if failures else 0)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from piaffe.errors import FileFormatError, SamplingError
+from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 from piaffe.sampling.study import Case, grid
 
 from .sampled import Declared, load_declared
-from .trials import TITLES, complete, options_of, plant_of
+from .trials import TITLES, complete, options_of, plant_of, prepare
 
 OWN = ("file", "seeds", "series", "grid")
 
@@ -53,6 +53,10 @@ def read_study(path: Path) -> StudyFile:
     """
     try:
         given = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileFormatError(
+            f"study '{path}': cannot be read - got {error.strerror or error}, expected a TOML file; correct the path"
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise FileFormatError(f"study '{path}': is no TOML file - got {error}, expected one; correct it") from error
     where = f"study '{path}'"
@@ -78,11 +82,26 @@ def read_study(path: Path) -> StudyFile:
             settings["value"] = os.path.relpath(settings["value"], path.parent)  # the same study in any checkout
         label = label or TITLES[settings["controller"]]
         cases += [Case(label, settings, seed, made_from) for seed in seeds]
-    _try_out(declared, cases)
-    return StudyFile(path, spec, declared, tuple(cases), _series(given.get("series", {}), where))
+    if not cases:
+        raise SamplingError(f"{where}: has no episodes - got an empty list, expected values to vary; correct the list")
+    series = _series(given.get("series", {}), where)
+    _try_out(declared, cases, series, where)
+    return StudyFile(path, spec, declared, tuple(cases), series)
 
 
-def _try_out(declared: Declared, cases: list[Case]) -> None:
+def try_controllers(study: StudyFile) -> None:
+    """Make the controller of every cell once, which compiles what is new.
+
+    Raises:
+        PiaffeError: one cannot be made, or its value was learnt for something else.
+    """
+    for case in {case.cell: case for case in study.cases}.values():
+        value = case.settings["value"]
+        path = None if value is None else str((study.path.parent / value).resolve())
+        prepare(study.declared, {**case.settings, "value": path}).close()
+
+
+def _try_out(declared: Declared, cases: list[Case], series: Mapping[str, float], where: str) -> None:
     """Make the problem and the plant of every cell once, so that what the file refuses is refused now."""
     tried: set[str] = set()
     for case in cases:
@@ -92,8 +111,13 @@ def _try_out(declared: Declared, cases: list[Case]) -> None:
         if repr(own) not in tried:
             problem = declared.problem({k: v for k, v in own.items() if k in declared.settings and k != "horizon"},
                                        case.settings["horizon"])  # fmt: skip
-            plant_of(problem.schedule.segments[0].model, case.settings)
+            model = problem.schedule.segments[0].model
+            plant_of(model, case.settings)
             tried.add(repr(own))
+            for name in series:
+                joints: tuple[str, ...] = getattr(model, "robot").joint_names  # noqa: B009  # a models.Mujoco
+                if name != "height" and not any(name in joint for joint in joints):
+                    raise UnknownNameError(f"{where}, series", "joint", name, ["height", *joints])
 
 
 def _seeds(given: Any, where: str) -> list[int]:

@@ -31,6 +31,8 @@ what a value may differ from what it was learnt for, as ``"terrain payload"``.""
 OPTIONS = tuple(field.name for field in fields(Options) if field.name not in ("seed", "threads"))
 """Settings of a controller."""
 
+_ELSEWHERE = {"seed": "--seed, --seeds, or a study's seeds", "threads": "--threads, or a study's --workers"}
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -92,6 +94,10 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
     """
     known = known_settings(declared)
     for name in given:
+        if name in _ELSEWHERE:
+            raise SamplingError(
+                f"{where}: '{name}' is no setting - got {given[name]!r}, expected {_ELSEWHERE[name]}; give it there"
+            )
         if name not in known:
             raise UnknownNameError(where, "setting", name, known)
     settings = {**RUN, **given}
@@ -124,6 +130,10 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
 def options_of(declared: Declared, settings: Mapping[str, Any], threads: int | None = None) -> Options:
     """Return a controller's options: its class's defaults, changed by the file, changed by settings."""
     kind = settings["controller"]
+    if isinstance(declared.options, Mapping):
+        for name in declared.options:
+            if name not in CONTROLLERS:
+                raise UnknownNameError(f"file '{declared.path}', options", "controller", str(name), CONTROLLERS)
     changed: Any = declared.options if isinstance(declared.options, Options) else declared.options.get(kind, {})
     if isinstance(changed, Options):  # what it leaves as it is, it leaves to the controller
         usual = Options()

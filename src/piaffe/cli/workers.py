@@ -82,6 +82,12 @@ def executor_of(kind: str, workers: int, threads: int) -> Iterator[Executor]:
         with _dask(kind.removeprefix(DASK)) as client:
             yield client.get_executor()
     else:
+        require_executor(kind)
+
+
+def require_executor(kind: str) -> None:
+    """Raise SamplingError unless a kind of executor is known."""
+    if not (kind == "process" or kind.startswith(DASK)):
         raise SamplingError(
             f"study: executor is unknown - got '{kind}', expected 'process' or 'dask:ADDRESS'; choose one"
         )
