@@ -58,6 +58,11 @@ class Value:
     fall: Mapping[str, float] = field(default_factory=dict)
     _bound: dict[Nodes, BoundInputs] = field(default_factory=dict, repr=False)
 
+    def __repr__(self) -> str:
+        robot = self.made_for.get("robot", {}).get("name", "?")
+        known = f"Value(of '{robot}', γ₀ = {self.discount:g}, inputs = {list(self.made_for['inputs'])}, "
+        return f"{known}hidden = {self.network.hidden})"
+
     def __call__(self, states: Array, k: int, nodes: Nodes) -> Array:
         """Return V of states at a node, (n,).
 

@@ -192,6 +192,11 @@ def test_mismatch_changes_the_plant_alone(capsys: pytest.CaptureFixture[str], sa
     trial.close()
 
 
+def test_a_setting_given_twice_is_refused(capsys: pytest.CaptureFixture[str], sampled_file: Path) -> None:
+    assert main(["mppi", str(sampled_file), "--samples", "8", "--set", "samples=9"]) == 2
+    assert "'samples' is given twice - got --samples 8 and --set samples=9" in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_latency_beyond_a_step_is_refused(capsys: pytest.CaptureFixture[str], sampled_file: Path) -> None:
     code, _, err = run(capsys, sampled_file, *QUICK, "--latency", 0.03)
     assert code == 2

@@ -141,6 +141,11 @@ def test_entries_may_be_allowed_to_differ(value: Value) -> None:
         value.check(other, allow=("terr", "payload"))
 
 
+def test_a_value_prints_as_one_line(value: Value) -> None:
+    assert repr(value).startswith("Value(of 'solo12', γ₀ = 0.9, inputs = [")
+    assert "\n" not in repr(value)
+
+
 def test_a_path_that_holds_no_value_says_so(tmp_path: Path) -> None:
     for path, why in ((tmp_path / "none.value", "No such file"), (tmp_path, "Is a directory")):
         with pytest.raises(FileFormatError, match=f"cannot be read - got {why}.*, expected the path of a value"):

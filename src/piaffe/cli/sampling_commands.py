@@ -92,7 +92,14 @@ def mppi(
         "spread": spread,
     }  # fmt: skip
     given |= {k: v for k, v in {"samples": samples, "temperature": temperature}.items() if v is not None}
-    given |= dict(pair(text) for text in setting or [])
+    more = dict(pair(text) for text in setting or [])
+    for name in more:
+        if name in given and name in ("samples", "temperature", "horizon", "value") and given[name] is not None:
+            raise SamplingError(
+                f"command line: '{name}' is given twice - got --{name} {given[name]} and --set {name}={more[name]}, "
+                "expected one of them; leave one out"
+            )
+    given |= more
     with redirect_stdout(sys.stderr) if json else nullcontext():
         declared = load_declared(file)
         trial = prepare(declared, complete(declared, given, "command line"), threads)
