@@ -11,7 +11,7 @@ from piaffe import sampling
 sampled_problem = trot_mppi.sampled_problem
 reward, value = trot_mppi.reward, trot_mppi.value
 # a riser is high: limits of the height must not keep the robot below it
-options = replace(trot_mppi.options, p_max=0.03, temperature=0.3)
+options = replace(trot_mppi.options, p_max=0.015, temperature=0.3, sigma=0.4)
 problem = sampled_problem("stairs", horizon=10)
 
 
