@@ -84,8 +84,8 @@ class TDCDMPPI(DIAL):
             value.check(self, allow)
         elif not (value is None or callable(value)):
             raise SamplingError(
-                f"controller: value is unusable - got {type(value).__name__}, expected a function of states, a Value, or "
-                "the path of one; learn one by piaffe.sampling.train_value"
+                f"controller: value is unusable - got {type(value).__name__}, expected a function of states, a "
+                "Value, or the path of one; learn one by piaffe.sampling.train_value"
             )
         return value
 

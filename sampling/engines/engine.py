@@ -96,8 +96,8 @@ class Engine(ABC):
         x0, controls = shapes(f"{self.name} engine", x0, controls, self.nq + self.nv, self.nu)
         if not self._turn.acquire(blocking=False):
             raise SamplingError(
-                f"{self.name} engine: rollout - got a second one while another thread's is under way, expected one at a "
-                "time; make an engine for each thread"
+                f"{self.name} engine: rollout - got a second one while another thread's is under way, expected one at "
+                "a time; make an engine for each thread"
             )
         try:
             return self._simulate(x0, controls)

@@ -23,8 +23,8 @@ from piaffe.solvers.native.build import SOLVER_FLAGS
 from piaffe.solvers.native.texts import Origin, Texts
 
 from ..c_library import pointer, side_by_side
-from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
 from . import lanes_text
+from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
 from .lanes_reader import scene_of
 from .lanes_scene import Scene
 from .lanes_text import SceneText

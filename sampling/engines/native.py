@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ModelError, SamplingError
+from piaffe.errors import ModelError
 from piaffe.models.mujoco_look import import_mujoco
 from piaffe.solvers.native import available_cores
 

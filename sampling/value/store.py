@@ -122,7 +122,7 @@ class Value:
         if found:
             path, kept, here = found[0]
             others = tuple(dict.fromkeys(each.split(".")[0] for each, _, _ in found))
-            use = f", or pass allow={others} (--allow \"{' '.join(others)}\") to use it all the same"
+            use = f', or pass allow={others} (--allow "{" ".join(others)}") to use it all the same'
             raise SamplingError(
                 f"{where}: was learnt for something else - got '{path}' {_brief(here)}, expected {_brief(kept)}"
                 f"{f' (and {len(found) - 1} more differ)' if len(found) > 1 else ''}; learn one for this problem"
@@ -225,8 +225,8 @@ def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:
             }
     except OSError as error:
         raise FileFormatError(
-            f"value '{file}': cannot be read - got {error.strerror or error}, expected the path of a value; correct it, or "
-            "learn one by piaffe.sampling.train_value"
+            f"value '{file}': cannot be read - got {error.strerror or error}, expected the path of a value; correct "
+            "it, or learn one by piaffe.sampling.train_value"
         ) from error
     except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
         raise FileFormatError(
