@@ -120,7 +120,7 @@ def run_episode(
         progress: called after every step.
 
     Raises:
-        SamplingError: there are no steps, the plant is another robot or has another control step, or the latency is
+        SamplingError: there are no steps, the plant has other joints or another control step, or the latency is
             longer than that.
     """
     if steps < 1:
@@ -171,11 +171,11 @@ class _SingleSteps:
 
 def _lag(controller: MPPI, plant: Any, latency: float) -> int:
     """Return a latency in steps of the plant's simulator."""
-    if not (isinstance(plant, Mujoco) and plant.robot.name == controller.model.robot.name):
-        name = getattr(plant, "name", plant)
+    if not (isinstance(plant, Mujoco) and plant.robot.joint_names == controller.model.robot.joint_names):
+        name, robot = getattr(plant, "name", plant), controller.model.robot.name
         raise SamplingError(
-            f"episode: plant is unusable - got {name!r}, expected robot '{controller.model.robot.name}' as a "
-            "models.Mujoco; make it with model.as_plant()"
+            f"episode: plant is unusable - got {name!r}, expected a models.Mujoco with the joints of robot '{robot}'; "
+            "make it with model.as_plant()"
         )
     if abs(plant.dt - controller.dt) > 1e-9:
         raise SamplingError(

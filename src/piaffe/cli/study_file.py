@@ -15,7 +15,7 @@ from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 from piaffe.sampling.study import Case, grid
 
 from .sampled import Declared, load_declared
-from .trials import TITLES, complete, options_of, plant_of, prepare
+from .trials import TITLES, complete, located, options_of, plant_of, prepare
 
 OWN = ("file", "seeds", "series", "grid")
 
@@ -96,9 +96,7 @@ def try_controllers(study: StudyFile) -> None:
         PiaffeError: one cannot be made, or its value was learnt for something else.
     """
     for case in {case.cell: case for case in study.cases}.values():
-        value = case.settings["value"]
-        path = None if value is None else str((study.path.parent / value).resolve())
-        prepare(study.declared, {**case.settings, "value": path}).close()
+        prepare(study.declared, located(case.settings, study.path.parent)).close()
 
 
 def _try_out(declared: Declared, cases: list[Case], series: Mapping[str, float], where: str) -> None:

@@ -193,6 +193,12 @@ def value_of(declared: Declared, settings: Mapping[str, Any], where: str, folder
     return str(path)
 
 
+def located(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Return settings whose value, relative to a folder, has its whole path."""
+    value = settings["value"]
+    return {**settings, "value": None if value is None else str((folder / value).resolve())}
+
+
 def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None = None) -> Trial:
     """Return a controller and a plant.
 

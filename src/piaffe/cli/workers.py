@@ -17,7 +17,7 @@ from piaffe.sampling.episode import Episode
 from piaffe.sampling.study import Case
 
 from .sampled import load_declared
-from .trials import Trial, prepare
+from .trials import Trial, located, prepare
 
 DASK = "dask:"
 _last: dict[
@@ -54,8 +54,7 @@ class FileTask:
         if key not in _last:
             while _last:
                 _last.popitem()[1].close()
-            value = case.settings["value"]
-            settings = {**case.settings, "value": None if value is None else str(Path(self.folder, value).resolve())}
+            settings = located(case.settings, Path(self.folder))
             _last[key] = prepare(load_declared(self.spec, quiet=True), settings, self.threads)
         return _last[key]
 
