@@ -18,7 +18,8 @@ from common import arguments, begin, iteration, machine_at, middle, profile, sol
 
 from piaffe import models, ocp
 from piaffe.models import base, feet, joints
-from piaffe.solvers.native import Machine, library_for
+from piaffe.solvers.ilqr.native.library import library_for
+from piaffe.solvers.ilqr.native.memory import Machine
 
 GAITS = {
     "pace": models.gaits.pace, "flying trot": models.gaits.flying_trot, "pronk": models.gaits.pronk,

@@ -30,7 +30,7 @@ def measure() -> dict[str, Any]:
     began = perf_counter()
     from piaffe import models, ocp, solvers
     from piaffe.models import base, feet, joints
-    from piaffe.solvers.native import library_for
+    from piaffe.solvers.ilqr.native.library import library_for
 
     imported = perf_counter() - began
     robot = models.load(ROBOT)

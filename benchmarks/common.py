@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from piaffe import ocp, solvers
-from piaffe.solvers.native import Built, Machine, library_for
-from piaffe.solvers.native.build import EXPRESSION_FLAGS
-from piaffe.solvers.native.cpu import this_cpu
-from piaffe.solvers.native.library import KERNEL_FLAGS
-from piaffe.solvers.outer import Outer
+from piaffe.codegen.build import EXPRESSION_FLAGS, Built
+from piaffe.codegen.cpu import this_cpu
+from piaffe.solvers.ilqr.native.library import KERNEL_FLAGS, library_for
+from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.outer import Outer
 
 RESULTS = Path(__file__).with_name("results")
 PARTS = ("evaluation", "sums", "derivatives", "backward", "forward")

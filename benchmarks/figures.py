@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
-from piaffe.cli.style import BOUND, LEGS, NEUTRAL, RC
+from piaffe.viz.style import BOUND, LEGS, NEUTRAL, RC
 
 RESULTS = Path(__file__).with_name("results")
 ASSETS = Path(__file__).resolve().parents[1] / "docs" / "assets"

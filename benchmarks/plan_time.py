@@ -24,13 +24,14 @@ import numpy as np
 from common import arguments, surroundings, tell
 from mujoco.rollout import Rollout
 
-from piaffe.cli.sampled import Declared, load_declared
-from piaffe.cli.trials import CONTROLLERS, NO_VALUE, options_of
 from piaffe.sampling import MPPI
-from piaffe.sampling.engines import NativeEngine
-from piaffe.sampling.engines.native import CHUNKS_PER_THREAD, own_copy, quiet
-from piaffe.sampling.value import Network, Value, ValueInputs, fingerprint, load_value
-from piaffe.sampling.value.network import HIDDEN, Layer
+from piaffe.sampling.engines.native import CHUNKS_PER_THREAD, NativeEngine, own_copy, quiet
+from piaffe.sampling.study.declared import Declared, load_declared
+from piaffe.sampling.study.trials import CONTROLLERS, NO_VALUE, options_of
+from piaffe.sampling.value.fingerprint import fingerprint
+from piaffe.sampling.value.inputs import ValueInputs
+from piaffe.sampling.value.network import HIDDEN, Layer, Network
+from piaffe.sampling.value.store import Value, load_value
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "trot_mppi.py"
 ALONE, ALONE_BUSY = "mujoco.rollout alone", "mujoco.rollout alone, processors"

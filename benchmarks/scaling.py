@@ -23,7 +23,8 @@ from common import arguments, begin, busy_iteration, machine_at, middle, profile
 
 from piaffe import models, ocp, solvers
 from piaffe.models import base, feet, joints
-from piaffe.solvers.native import Machine, library_for
+from piaffe.solvers.ilqr.native.library import library_for
+from piaffe.solvers.ilqr.native.memory import Machine
 
 NODES = (25, 50, 100, 200, 500, 1000, 2000)
 LANES = (1, 4, 8)

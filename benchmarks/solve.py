@@ -17,9 +17,9 @@ from time import perf_counter
 import numpy as np
 
 from piaffe import solvers
-from piaffe.solvers.iterate import Iterate
-from piaffe.solvers.riccati import backward, roll_out
-from piaffe.solvers.run import Run
+from piaffe.solvers.ilqr.iterate import Iterate
+from piaffe.solvers.ilqr.riccati import backward, roll_out
+from piaffe.solvers.ilqr.run import Run
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 Parts = dict[str, Callable[[], object]]

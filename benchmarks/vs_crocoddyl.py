@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 from piaffe import models, ocp
 from piaffe.models import base, joints
 from piaffe.ocp import rotation
-from piaffe.solvers.iterate import Evaluator, solve_nodes
-from piaffe.solvers.native import Machine, library_for
+from piaffe.solvers.ilqr.iterate import Evaluator, solve_nodes
+from piaffe.solvers.ilqr.native.library import library_for
+from piaffe.solvers.ilqr.native.memory import Machine
 
 Array = NDArray[np.float64]
 

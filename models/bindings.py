@@ -9,8 +9,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from piaffe.ocp import rotation
-from piaffe.ocp.quantity import Bound, Quantity
+from piaffe.ocp import Bound, Quantity, rotation
 
 from .postures import HEIGHT, XYZ, foot_labels, reach_labels
 from .quantities import base, com, feet, frames, joints, momentum

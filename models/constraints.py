@@ -14,8 +14,7 @@ import casadi as cs
 import numpy as np
 
 from piaffe.errors import ProblemError
-from piaffe.ocp.quantity import match_labels
-from piaffe.ocp.term import When, inequality
+from piaffe.ocp import When, inequality, match_labels
 
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
 

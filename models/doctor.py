@@ -14,9 +14,9 @@ from piaffe.errors import ModelError
 
 from .doctor_urdf import Finding, Severity, examine_text, finding, judge_inertia
 from .kinematics import Kinematics
-from .loaders import build_model, leaf_frames, load, locate, names
-from .mujoco_scene import body_names
+from .mujoco import body_names
 from .robot import ROOT, Foot, Robot
+from .robots import build_model, leaf_frames, load, locate, names
 
 Array = NDArray[np.float64]
 Feet = Sequence[str] | Sequence[Foot] | Mapping[str, str] | None

@@ -11,20 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
-from piaffe.ocp import rotation
-from piaffe.ocp.manifold import Block, Manifold
-from piaffe.ocp.model import ModelBase, Node, Notice, Sample, Slot
-from piaffe.ocp.path import Path
-from piaffe.ocp.quantity import Quantity
+from piaffe.ocp import Block, Manifold, ModelBase, Node, Notice, Path, Quantity, Sample, Slot, rotation
 
 from .kinematics import Kinematics
-from .notices import keyframe_notices
 from .postures import XYZ, RobotState, translate
 from .quantities import base
-from .recipes import robot_recipe
 from .robot import Robot
+from .robots import robot_recipe
 from .stance import Stance, stance
 from .terrain import Terrain
+from .warnings import keyframe_notices
 
 Array = NDArray[np.float64]
 
@@ -134,7 +130,7 @@ class LeggedModel(ModelBase):
     # ---- files
 
     def recipe(self) -> dict[str, object]:
-        """Return the kind of model, and the robot as :func:`piaffe.models.recipes.robot_recipe` stores it."""
+        """Return the kind of model, and the robot as :func:`piaffe.models.robots.robot_recipe` stores it."""
         return {"kind": type(self).__name__, "robot": robot_recipe(self.robot)}
 
     # ---- targets
@@ -144,7 +140,7 @@ class LeggedModel(ModelBase):
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
     def notices(self, path: object) -> list[Notice]:
-        """Return warnings about keyframes, see :mod:`piaffe.models.notices`."""
+        """Return warnings about keyframes, see :mod:`piaffe.models.warnings`."""
         return keyframe_notices(self.robot, self.resolve, path) if isinstance(path, Path) else []
 
     def planar_frame(self, sample: Sample) -> tuple[float, float, float]:

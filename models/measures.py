@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import CompiledProblem, Trajectory, rotation
-from piaffe.ocp.verification import quantity_values
+from piaffe.ocp import CompiledProblem, Trajectory, quantity_values, rotation
 
 from .quantities import base, feet
 

@@ -9,9 +9,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ShapeError, UnknownNameError
-from piaffe.ocp import rotation
-from piaffe.ocp.manifold import Block, Manifold
-from piaffe.ocp.quantity import Quantity
+from piaffe.ocp import Block, Manifold, Quantity, rotation
 
 from . import quantities
 from .quantities import base, com, feet, momentum

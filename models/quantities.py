@@ -5,7 +5,7 @@ World axes unless said otherwise; stacked feet are flat, (3 nf,), in the robot's
 
 from __future__ import annotations
 
-from piaffe.ocp.quantity import Quantity, QuantityGroup, group
+from piaffe.ocp import Quantity, QuantityGroup, group
 
 base = group(
     "base",

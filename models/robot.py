@@ -13,7 +13,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
-from piaffe.ocp.quantity import match_labels
+from piaffe.ocp import match_labels
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Robot:
         poses: named joint angles, each (n,) [rad]; ``"stand"`` and ``"crouch"`` at least.
         urdf: the file that it was read from, if any; the visual geometry comes from it.
         package_dirs: folders in which ``package://`` meshes are looked for.
-        recipe: how it was loaded, for files: see :mod:`piaffe.models.recipes`; empty for a robot built by hand.
+        recipe: how it was loaded, for files: see :mod:`piaffe.models.robots`; empty for a robot built by hand.
     """
 
     name: str

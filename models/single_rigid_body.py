@@ -12,10 +12,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import rotation
-from piaffe.ocp.manifold import Block, Manifold
-from piaffe.ocp.model import Dynamics, Node, Quantities, Sample
-from piaffe.ocp.quantity import Bound
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Sample, rotation
 
 from .bindings import ground_normal
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate

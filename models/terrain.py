@@ -15,7 +15,10 @@ from numpy.typing import ArrayLike
 
 from piaffe.errors import ModelError
 
-from .mujoco_look import FLOOR, import_mujoco
+from .mujoco_import import import_mujoco
+
+FLOOR = "floor"
+"""Name of the ground's geom in MuJoCo scenes."""
 
 _DEPTH = 0.3  # [m], how far boxes reach below the floor
 _STONE = (0.72, 0.74, 0.78, 1.0)

@@ -9,9 +9,7 @@ import casadi as cs
 import numpy as np
 
 from piaffe.errors import ModelError
-from piaffe.ocp.manifold import Block, Manifold
-from piaffe.ocp.model import Dynamics, Quantities, Reset
-from piaffe.ocp.quantity import Bound
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Quantities, Reset
 
 from ._numeric import NumericWholeBody
 from .bindings import bind_motion, foot_points, frame_points, inertials

@@ -1,7 +1,7 @@
 """CasADi functions on arrays of NumPy or JAX: the instruction list, each operation on all samples at once.
 
 Of kept libraries for this, none served: see the decision on scoring in docs/adr. Every operation that
-``piaffe.ocp.lanes`` knows has its like here; comparisons give 0.0 or 1.0, as in CasADi.
+``piaffe.codegen.simd`` knows has its like here; comparisons give 0.0 or 1.0, as in CasADi.
 """
 
 from __future__ import annotations

@@ -1,13 +1,15 @@
 """Solvers: multi-phase multiple-shooting iLQR with augmented Lagrangian and relaxed barrier."""
 
+from piaffe.codegen import NoCompilerWarning as NoCompilerWarning
+
+from .batch import BatchPhase as BatchPhase
+from .batch import BatchSolution as BatchSolution
 from .batch import solve_batch as solve_batch
-from .batch_solution import BatchPhase as BatchPhase
-from .batch_solution import BatchSolution as BatchSolution
-from .ms_ilqr import MSiLQR as MSiLQR
-from .options import Options as Options
-from .record import Record as Record
-from .riccati import LqPhase as LqPhase
+from .ilqr import LqPhase as LqPhase
+from .ilqr import MSiLQR as MSiLQR
+from .ilqr import Options as Options
 from .solution import PhaseSolution as PhaseSolution
+from .solution import Record as Record
 from .solution import Solution as Solution
+from .solution import Status as Status
 from .solution import Violation as Violation
-from .status import Status as Status

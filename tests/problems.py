@@ -11,8 +11,8 @@ import numpy as np
 
 from piaffe import ocp
 from piaffe.ocp import rotation
-from piaffe.ocp.model import Dynamics, Node, Quantities, Reset, Slot
-from piaffe.ocp.quantity import Bound, Quantity
+from piaffe.ocp.language.model import Dynamics, Node, Quantities, Reset, Slot
+from piaffe.ocp.language.quantity import Bound, Quantity
 
 
 def linear_quadratic() -> ocp.Problem:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from piaffe import ocp
 from piaffe.errors import ProblemError
 
+from ... import ocp
 from ..stance import stance
 from .reference import GaitReference
 

@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ProblemError
-from piaffe.ocp import rotation
-from piaffe.ocp.frame import PlanarFrame
-from piaffe.ocp.model import ModelBase, Sample
-from piaffe.ocp.motion import Piece
-from piaffe.ocp.quantity import Quantity
-from piaffe.ocp.reference import BoundReference, Reference
+from piaffe.ocp import BoundReference, ModelBase, Piece, PlanarFrame, Quantity, Reference, Sample, rotation
 
 from ..legged import LeggedModel
 from ..quantities import base, feet, joints

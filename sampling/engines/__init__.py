@@ -18,9 +18,9 @@ from typing import Any, Literal, get_args
 from piaffe.errors import SamplingError
 
 from .engine import MAX_SPEED, Engine, Rollouts, Simulated
-from .lanes import DifferentError, LanesEngine
 from .mjx import MjxEngine
 from .native import NativeEngine
+from .simd import DifferentError, LanesEngine
 
 EngineName = Literal["auto", "native", "lanes", "mjx"]
 

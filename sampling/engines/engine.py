@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SamplingError, ShapeError
+from piaffe.simulation import MAX_SPEED as MAX_SPEED
 
 Array = NDArray[np.float64]
-
-MAX_SPEED = 1e3  # [m/s], [rad/s]: no robot moves like this, and a simulation that does has lost all digits
 
 
 @dataclass(frozen=True, slots=True)

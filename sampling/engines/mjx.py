@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from piaffe.errors import SamplingError
-from piaffe.models.mujoco_look import import_mujoco
+from piaffe.models import import_mujoco
 
 from ..translate import import_jax
 from .engine import MAX_SPEED, Array, Engine, Rollouts, Simulated

@@ -8,7 +8,7 @@ import warnings
 from typing import Any
 
 from piaffe.errors import SamplingError
-from piaffe.models.mujoco_look import import_mujoco
+from piaffe.models import import_mujoco
 
 
 class MjxWarning(UserWarning):

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.codegen import available_cores
 from piaffe.errors import ModelError
-from piaffe.models.mujoco_look import import_mujoco
-from piaffe.solvers.native import available_cores
+from piaffe.models import import_mujoco
 
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
 from .take import no_time, take

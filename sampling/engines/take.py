@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..c_library import c_library, pointer
+from piaffe.codegen import c_library, pointer
+
 from .engine import MAX_SPEED, Array, may_be_bad
 
 

@@ -18,11 +18,10 @@ from typing import Literal, get_args
 
 import casadi as cs
 
+from piaffe.codegen import NoCompilerError, NoCompilerWarning, available_cores
 from piaffe.errors import SamplingError
 from piaffe.ocp import LoweredMode
-from piaffe.solvers.native import NoCompilerError, NoCompilerWarning, available_cores
 
-from ..scoring import scoring
 from .arrays import ArrayKernel
 from .evaluator import Evaluator as Evaluator
 from .evaluator import Rows as Rows
@@ -30,6 +29,8 @@ from .evaluator import rows_inputs
 from .jax import JaxKernel
 from .kernel import Kernel
 from .native import NativeKernel, library_of
+from .scoring import Scoring as Scoring
+from .scoring import scoring as scoring
 from .vm import VmKernel
 
 EngineName = Literal["native", "numpy", "vm", "jax"]

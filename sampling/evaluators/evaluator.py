@@ -8,11 +8,10 @@ from typing import Any
 import casadi as cs
 
 from piaffe.errors import ShapeError
-from piaffe.ocp import LoweredMode
-from piaffe.ocp.term import Constraint, Cost
+from piaffe.ocp import Constraint, Cost, LoweredMode
 
-from ..scoring import Scoring
 from .kernel import PER_SAMPLE, Kernel
+from .scoring import Scoring
 
 
 class Evaluator:

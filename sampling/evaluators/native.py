@@ -13,11 +13,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp.lanes import generate
-from piaffe.solvers.native import build, load
-from piaffe.solvers.native.build import SOLVER_FLAGS
+from piaffe.codegen import SOLVER_FLAGS, build, generate, load, side_by_side
 
-from ..c_library import side_by_side
 from .kernel import PER_SAMPLE, Kernel
 
 Array = NDArray[np.float64]

@@ -1,17 +1,20 @@
-"""Value functions: learnt from what a controller did, used where its horizon ends."""
+"""Value functions: what controllers use where their horizon ends."""
 
-from .collect import CollectOptions as CollectOptions
-from .collect import collect as collect
-from .dataset import Dataset as Dataset
-from .dataset import Records as Records
+from .fingerprint import Entries as Entries
+from .fingerprint import differences as differences
 from .fingerprint import fingerprint as fingerprint
+from .fingerprint import plain as plain
 from .inputs import FEATURES as FEATURES
 from .inputs import Feature as Feature
 from .inputs import ValueInputs as ValueInputs
+from .network import EPSILON as EPSILON
+from .network import HIDDEN as HIDDEN
 from .network import Layer as Layer
 from .network import Network as Network
-from .options import LearnOptions as LearnOptions
+from .network import Single as Single
+from .store import Precision as Precision
 from .store import Value as Value
+from .store import digest as digest
 from .store import load_value as load_value
-from .train import train_value as train_value
-from .transitions import Transitions as Transitions
+from .traced import numbers_of as numbers_of
+from .traced import traced_value as traced_value

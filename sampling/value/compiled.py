@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..c_library import c_library, pointer
+from piaffe.codegen import c_library, pointer
+
 from .network import EPSILON, Network, Single
 
 _BLOCK = 48  # rows, as in the C text

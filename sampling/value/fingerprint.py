@@ -19,12 +19,19 @@ from numpy.typing import NDArray
 
 from piaffe.errors import SamplingError
 from piaffe.models import Robot, base, feet
-from piaffe.ocp import Constraint, Cost, Phase, Quantities
-from piaffe.ocp.given import call
-from piaffe.ocp.nodes import Nodes
-from piaffe.ocp.parameter import find
-from piaffe.ocp.quantity import Bound, Quantity
-from piaffe.ocp.view import NodeView, column
+from piaffe.ocp import (
+    Bound,
+    Constraint,
+    Cost,
+    Nodes,
+    NodeView,
+    Phase,
+    Quantities,
+    Quantity,
+    call,
+    column,
+    find_parameter,
+)
 
 from ..options import Options
 from ..reward import Reward
@@ -246,7 +253,7 @@ class _Probes:
         rows = cs.densify(column(call(function, term.where, NodeView(self.quantities), **given)))
         bound = list(self._symbols.values())
         own = {e.element_hash() for each in bound for e in cs.symvar(each.value)}
-        adopted = {p.label: p for p in map(find, cs.symvar(rows)) if p is not None}
+        adopted = {p.label: p for p in map(find_parameter, cs.symvar(rows)) if p is not None}
         own |= {e.element_hash() for p in adopted.values() for e in cs.symvar(p)}
         strange = [symbol.name() for symbol in cs.symvar(rows) if symbol.element_hash() not in own]
         if strange:

@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError, UnknownNameError
 from piaffe.models import base
-from piaffe.ocp import Cost, LoweredMode, rotation
-from piaffe.ocp.given import call
-from piaffe.ocp.nodes import Nodes
-from piaffe.ocp.view import NodeView, Values, column
+from piaffe.ocp import Cost, LoweredMode, Nodes, NodeView, Values, call, column, rotation
 
 from ..evaluators import EngineName, Rows, rows
 

@@ -5,34 +5,52 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import secrets
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
-from piaffe.ocp.nodes import Nodes
+from piaffe.files import write_whole
+from piaffe.ocp import Nodes
 
+from ..options import Options
+from ..reward import Reward
 from .compiled import compiled_network
 from .fingerprint import Entries, differences, fingerprint
 from .inputs import BoundInputs, Feature, ValueInputs
 from .network import Network, Single
-
-if TYPE_CHECKING:
-    from ..mppi import MPPI
 
 Array = NDArray[np.float64]
 Precision = Literal["half", "single"]
 
 FORMAT, VERSION = "piaffe-value", 1
 _EXACT = ("mean", "std", "head_bias")  # kept in single precision whatever the others are
+
+
+class Served(Protocol):
+    """What a value must fit of the controller that uses it."""
+
+    @property
+    def nodes(self) -> Nodes:
+        """Nodes of its problem."""
+        ...
+
+    @property
+    def reward(self) -> Reward:
+        """How cost becomes reward."""
+        ...
+
+    @property
+    def options(self) -> Options:
+        """Its options."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +116,15 @@ class Value:
             start += size
         return fallen
 
-    def check(self, controller: MPPI, allow: Collection[str] = (), where: str = "value") -> None:
+    def check(
+        self, nodes: Nodes, reward: Reward, options: Options, allow: Collection[str] = (), where: str = "value"
+    ) -> None:
         """Raise unless the value was learnt for what a controller does.
 
         Args:
-            controller: the controller.
+            nodes: of the controller's problem.
+            reward: how the controller makes reward of cost.
+            options: of the controller.
             allow: entries that may differ: ``"terrain"``, ``"payload"``, ``"motion.commands"``,
                 ``"objective.track base.height"``, …
             where: for the message.
@@ -111,7 +133,7 @@ class Value:
             SamplingError: an entry differs that is not allowed to; the message names it.
             UnknownNameError: there is no entry of a name that is allowed to differ.
         """
-        now = fingerprint(controller.nodes, controller.reward, controller.options, self.inputs)
+        now = fingerprint(nodes, reward, options, self.inputs)
         allow = allow.replace(",", " ").split() if isinstance(allow, str) else allow
         entries = sorted({*self.made_for, *now})
         for name in allow:
@@ -141,7 +163,6 @@ class Value:
         """
         target = Path(path)
         target = target if target.suffix == ".value" else target.with_name(target.name + ".value")
-        target.parent.mkdir(parents=True, exist_ok=True)
         kind = np.float16 if precision == "half" else np.float32
         header = {
             "format": FORMAT, "version": VERSION, "precision": precision, "hidden": self.network.hidden,
@@ -160,7 +181,7 @@ class Value:
 
 def load_value(
     path: str | os.PathLike[str],
-    controller: MPPI | None = None,
+    controller: Served | None = None,
     *,
     allow: Collection[str] = (),
     features: Iterable[Feature] = (),
@@ -184,7 +205,7 @@ def load_value(
     inputs = ValueInputs([own.get(name, name) for name in header["made_for"]["inputs"]])
     value = Value(Network.from_arrays(arrays), inputs, header["made_for"], header["record"], header["fall"])
     if controller is not None:
-        value.check(controller, allow, f"value '{file}'")
+        value.check(controller.nodes, controller.reward, controller.options, allow, f"value '{file}'")
     return value
 
 
@@ -198,20 +219,6 @@ def digest(path: str | os.PathLike[str]) -> str:
     for name in sorted(arrays):
         found.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
     return found.hexdigest()
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that appears whole or not at all."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
-    try:
-        with temporary.open("xb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:

@@ -2,6 +2,6 @@
 
 import sys
 
-from piaffe.cli import main
+from piaffe.cli.app import main
 
 sys.exit(main())

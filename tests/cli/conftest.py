@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from piaffe.cli import main
+from piaffe.cli.app import main
 
 BALL = '''
 from piaffe import ocp

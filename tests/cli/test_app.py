@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from piaffe import __version__
-from piaffe.cli import main
+from piaffe.cli.app import main
 
 COMMANDS = ("describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache", "mppi", "study")
 

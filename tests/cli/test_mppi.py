@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from piaffe.cli import main
+from piaffe.cli.app import main
 from piaffe.cli.episodes import summary
-from piaffe.cli.sampled import load_declared
-from piaffe.cli.trials import CONTROLLERS, complete, options_of, prepare
 from piaffe.errors import FileFormatError, PiaffeError, ProblemError, SamplingError, UnknownNameError
-from piaffe.sampling.records import load_episodes
+from piaffe.sampling.study.declared import load_declared
+from piaffe.sampling.study.records import load_episodes
+from piaffe.sampling.study.trials import CONTROLLERS, complete, options_of, prepare
 
 QUICK = ("--controller", "dial", "--steps", "3")
 

@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from piaffe.cli import main
-from piaffe.cli.study_figures import curves
-from piaffe.cli.study_file import content_digest, read_study, source_digest
-from piaffe.cli.study_tables import cells, varied, write_table
+from piaffe.cli.app import main
 from piaffe.errors import PiaffeError
+from piaffe.sampling.study.file import content_digest, read_study, source_digest
+from piaffe.sampling.study.tables import cells, varied, write_table
+from piaffe.viz.study_figures import curves
 
 pytest.importorskip("pyarrow")
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from piaffe import models
-from piaffe.models.loaders import names
+from piaffe.models.robots.load import names
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 CHEETAH = models.load("mini_cheetah").urdf.read_text()

@@ -37,7 +37,7 @@ def body():
 
 
 def bind(body, motion, **state):
-    return motion.bind((body,), body.state.unpack(body.state(**state))).pieces[0].reference
+    return motion.bind((body,), body.state.unpack(body.state(**state))).placed[0].reference
 
 
 def stacked(samples, quantity):

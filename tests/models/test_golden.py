@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from piaffe.models import SingleRigidBody, WholeBody, load
-from piaffe.ocp.rotation import np_body_rate, np_from_rpy
+from piaffe.ocp.language.rotation import np_body_rate, np_from_rpy
 
 ALL = "FL FR HL HR"
 

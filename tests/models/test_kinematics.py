@@ -8,8 +8,8 @@ import pytest
 
 from piaffe import models
 from piaffe.models.legs import _least
-from piaffe.models.loaders import names
 from piaffe.models.robot import to_pinocchio
+from piaffe.models.robots.load import names
 
 
 def random_poses(rng, robot, count):

@@ -10,7 +10,7 @@ import pytest
 from piaffe import models, ocp, solvers
 from piaffe.errors import ModelError, ProblemError
 from piaffe.models import base, com, feet, frames, joints, momentum, terrain
-from piaffe.models.mujoco_scene import compile_spec
+from piaffe.models.mujoco.scene import compile_spec
 from piaffe.ocp import rotation
 
 ROBOT = models.load("solo12")

@@ -6,9 +6,9 @@ import pytest
 
 from piaffe import models
 from piaffe.errors import ModelError
-from piaffe.models.loaders import names
-from piaffe.models.mujoco_look import FLOOR
-from piaffe.models.mujoco_scene import body_names, mujoco_model, mujoco_spec
+from piaffe.models.mujoco.scene import body_names, mujoco_model, mujoco_spec
+from piaffe.models.robots.load import names
+from piaffe.models.terrain import FLOOR
 
 
 @pytest.fixture(scope="module", params=[*names(), "mini_cheetah with rotors"])

@@ -10,7 +10,7 @@ import pytest
 
 from piaffe import models, ocp
 from piaffe.models import base, joints, stance
-from piaffe.models.notices import static_torques
+from piaffe.models.warnings import static_torques
 
 FILE = Path(__file__).name
 ROBOT = models.load("mini_cheetah")

@@ -9,8 +9,8 @@ import pytest
 
 from piaffe import models
 from piaffe.errors import ModelError
-from piaffe.models.recipes import robot_recipe
 from piaffe.models.robot import Robot
+from piaffe.models.robots.recipes import robot_recipe
 
 
 def assert_same(one: Robot, other: Robot) -> None:

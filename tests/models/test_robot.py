@@ -8,8 +8,8 @@ import pytest
 
 from piaffe import models
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
-from piaffe.models.loaders import names
 from piaffe.models.robot import to_pinocchio
+from piaffe.models.robots.load import names
 from piaffe.ocp import rotation
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.models import SingleRigidBody, base, feet, load, stance
-from piaffe.ocp.model import Node
-from piaffe.ocp.rotation import np_from_rpy, np_matrix
+from piaffe.ocp.language.model import Node
+from piaffe.ocp.language.rotation import np_from_rpy, np_matrix
 
 FEET = np.array([[0.2, 0.1, 0.0], [0.2, -0.1, 0.0], [-0.2, 0.1, 0.0], [-0.2, -0.1, 0.0]])
 

@@ -52,7 +52,9 @@ def test_rays_hit_the_geoms_at_the_height(ground):
     mujoco.mj_forward(model, data)
     geom, down = np.zeros(1, np.int32), np.array([0.0, 0.0, -1.0])
     xs, ys = places()
-    hits = [mujoco.mj_ray(model, data, np.array([x, y, 2.0]), down, None, 1, -1, geom) for x, y in zip(xs, ys)]  # noqa: B905  # of one size
+    hits = [
+        mujoco.mj_ray(model, data, np.array([x, y, 2.0]), down, None, 1, -1, geom) for x, y in zip(xs, ys, strict=True)
+    ]
     assert 2.0 - np.array(hits) == pytest.approx(ground.height(xs, ys), abs=1e-7)  # float32 in height fields
 
 

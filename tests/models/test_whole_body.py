@@ -11,7 +11,7 @@ import pytest
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.models import Foot, Robot, WholeBody, base, feet, frames, joints, load, stance
 from piaffe.models.robot import to_pinocchio
-from piaffe.ocp.model import Node
+from piaffe.ocp.language.model import Node
 
 ROBOTS = ("mini_cheetah", "solo12", "go2", "anymal_c")
 

@@ -10,9 +10,9 @@ import pytest
 
 from piaffe import models, ocp
 from piaffe.models import constraints, stance
-from piaffe.ocp.batch import Batch
-from piaffe.ocp.compiled import CompiledProblem
-from piaffe.ocp.derivative_check import Finding, check_derivatives
+from piaffe.ocp.compiler.compiled import CompiledProblem
+from piaffe.ocp.compiler.vectorised import Batch
+from piaffe.ocp.reports.derivative_check import Finding, check_derivatives
 
 ROBOTS = ("mini_cheetah", "solo12", "go2", "anymal_c")
 SHIPPED = {

@@ -3,7 +3,7 @@
 import pytest
 
 from piaffe import ocp
-from piaffe.ocp.dimensions import report, weight_unit
+from piaffe.ocp.reports.units import report, weight_unit
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import casadi as cs
 import pytest
 
 from piaffe.errors import UnknownNameError
-from piaffe.ocp.quantity import Bound, Quantity, group, match_labels
+from piaffe.ocp.language.quantity import Bound, Quantity, group, match_labels
 
 BASE = group("base", position=("m", "point"), orientation=("rad", "rotation"), angular_velocity="rad/s")
 LEGS = ("FL_HAA", "FL_KFE", "FR_HAA", "FR_KFE")

@@ -8,7 +8,7 @@ import pytest
 from piaffe import ocp
 from piaffe.errors import ProblemError, ShapeError
 from piaffe.ocp import Block, Manifold, Quantity, rotation
-from piaffe.ocp.model import Dynamics, ModelBase, Quantities
+from piaffe.ocp.language.model import Dynamics, ModelBase, Quantities
 
 POSITION, ATTITUDE = Quantity("position", "m", "point"), Quantity("attitude", "rad", "rotation")
 SPEED, SPIN = Quantity("speed", "m/s", "direction"), Quantity("spin", "rad/s")

@@ -6,7 +6,7 @@ import pytest
 from piaffe import models, ocp
 from piaffe.errors import ProblemError
 from piaffe.models import base, feet, joints, stance
-from piaffe.ocp.timeline import covers, lay, whole_steps
+from piaffe.ocp.compiler.timeline import covers, lay, whole_steps
 
 
 def still(s):

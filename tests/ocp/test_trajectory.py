@@ -8,7 +8,7 @@ import pytest
 from piaffe import ocp
 from piaffe.errors import ProblemError
 from piaffe.ocp import Quantity, rotation
-from piaffe.ocp.frame import ORIGIN, carry, relative
+from piaffe.ocp.language.frame import ORIGIN, carry, relative
 
 MODEL = ocp.Model(
     "top", state={"turn": "rotation", "z": 1}, control={"rate": 3}, modes={"go": lambda s: {"turn": s.rate, "z": 0}}

@@ -11,9 +11,9 @@ import pytest
 from piaffe import models, ocp
 from piaffe.errors import ProblemError
 from piaffe.models import stance
-from piaffe.ocp.compiled import CompiledProblem
-from piaffe.ocp.trajectory import PhaseTrajectory, Trajectory
-from piaffe.ocp.verification import quantity_values, verify
+from piaffe.ocp.compiler.compiled import CompiledProblem
+from piaffe.ocp.language.trajectory import PhaseTrajectory, Trajectory
+from piaffe.ocp.reports.verify import quantity_values, verify
 
 RESTITUTION = 0.8
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from piaffe import models
-from piaffe.models.mujoco_scene import mujoco_spec, restore_inertias
+from piaffe.models.mujoco.scene import mujoco_spec, restore_inertias
 
 CROUCH = np.tile([0.0, 0.6, -1.0], 4)  # [rad]
 RANGE = np.tile([0.3, 0.4, 0.4], 4)  # [rad]

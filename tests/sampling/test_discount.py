@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from piaffe.errors import PiaffeError, SamplingError
-from piaffe.sampling.discount import ConstraintDiscount, discounted_return
-from piaffe.sampling.mppi import softmax
-from piaffe.sampling.noise import deviations
+from piaffe.sampling.controllers.discount import ConstraintDiscount, discounted_return
+from piaffe.sampling.controllers.mppi import softmax
+from piaffe.sampling.controllers.noise import deviations
 from piaffe.sampling.options import Options
 from piaffe.sampling.reward import Reward
 

@@ -9,8 +9,9 @@ import pytest
 
 from piaffe import models
 from piaffe.errors import ModelError, SamplingError, ShapeError
-from piaffe.sampling.engines import NativeEngine, engine_for, take
+from piaffe.sampling.engines import engine_for, take
 from piaffe.sampling.engines.engine import MAX_SPEED, shared_steps
+from piaffe.sampling.engines.native import NativeEngine
 
 from . import solo
 

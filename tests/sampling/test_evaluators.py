@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from piaffe import ocp
+from piaffe.codegen import NoCompilerWarning
+from piaffe.codegen.compilers import NoCompilerError
 from piaffe.errors import ModelError, SamplingError, ShapeError
 from piaffe.sampling.evaluators import evaluator, rows
-from piaffe.sampling.scoring import scoring
-from piaffe.solvers.native import NoCompilerError, NoCompilerWarning
+from piaffe.sampling.evaluators.scoring import scoring
 
 ENGINES = ("native", "numpy", "vm", "jax")
 STEPS = 3
@@ -257,7 +258,7 @@ def test_without_a_compiler_numpy_evaluates_with_one_warning(monkeypatch):
 def test_sampling_is_imported_without_jax():
     program = (
         "import sys; sys.modules['jax'] = None\n"
-        "import piaffe.sampling.evaluators, piaffe.sampling.translate, piaffe.sampling.reduce"
+        "import piaffe.sampling.evaluators, piaffe.sampling.translate, piaffe.sampling.controllers.reduce"
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr

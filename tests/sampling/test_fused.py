@@ -9,11 +9,12 @@ from piaffe import models, ocp
 from piaffe.errors import SamplingError
 from piaffe.models import base, feet, joints
 from piaffe.sampling import MPPI, TDCDMPPI
-from piaffe.sampling.engines import MjxEngine
-from piaffe.sampling.fused import FusedStage
-from piaffe.sampling.mppi import Rolled, softmax
-from piaffe.sampling.value import Layer, Network, ValueInputs
+from piaffe.sampling.controllers.device_stage import FusedStage
+from piaffe.sampling.controllers.mppi import Rolled, softmax
+from piaffe.sampling.engines.mjx import MjxEngine
 from piaffe.sampling.value.fingerprint import fingerprint
+from piaffe.sampling.value.inputs import ValueInputs
+from piaffe.sampling.value.network import Layer, Network
 from piaffe.sampling.value.store import Value
 
 pytest.importorskip("mujoco.mjx")

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from piaffe.errors import SamplingError
-from piaffe.sampling.engines import MAX_SPEED, MjxEngine, NativeEngine, engine_for
+from piaffe.sampling.engines import engine_for
+from piaffe.sampling.engines.engine import MAX_SPEED
+from piaffe.sampling.engines.mjx import MjxEngine
 from piaffe.sampling.engines.mjx_model import MjxWarning
+from piaffe.sampling.engines.native import NativeEngine
 
 from . import solo
 

@@ -4,7 +4,7 @@ import pytest
 from piaffe import models, ocp, sampling
 from piaffe.errors import ModelError, ProblemError, SamplingError, ShapeError
 from piaffe.models import base, feet, joints
-from piaffe.sampling.td_cd import TDCDMPPI
+from piaffe.sampling.controllers.td_cd import TDCDMPPI
 
 DT = 0.02
 

@@ -2,7 +2,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from piaffe.sampling.noise import Noise
+from piaffe.sampling.controllers.noise import Noise
 
 
 def test_arrays_drawn_ahead_are_those_of_one_generator():

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from piaffe.errors import FileFormatError, SamplingError
-from piaffe.sampling.episode import Episode
-from piaffe.sampling.records import load_episodes, save_episodes
-from piaffe.sampling.study import Case, Study, grid, write_parquet
+from piaffe.sampling.study.records import load_episodes, save_episodes
+from piaffe.sampling.study.study import Case, Study, grid, write_parquet
+from piaffe.simulation.episode import Episode
 
 
 def episode(seed: int = 0) -> Episode:

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from piaffe.codegen import simd as lanes
 from piaffe.errors import ModelError, SamplingError
-from piaffe.ocp import lanes
 from piaffe.sampling.translate import NUMPY_ERF, instructions, translate
 
 ANY = (-77.3, -2.0, -1.5, -1.0, -0.4, -1e-9, -0.0, 0.0, 1e-9, 0.3, 1.0, 1.5, 2.0, 2.5, 3.0, 12.7)

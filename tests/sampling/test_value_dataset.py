@@ -10,8 +10,11 @@ import pytest
 from piaffe import models
 from piaffe.errors import FileFormatError, SamplingError
 from piaffe.sampling import MPPI, TDCDMPPI, Options, Reward
-from piaffe.sampling.value import CollectOptions, Dataset, LearnOptions, Records, collect, load_value, train_value
-from piaffe.sampling.value.collect import Actors, make_shard
+from piaffe.sampling.learning.collect import Actors, CollectOptions, collect, make_shard
+from piaffe.sampling.learning.dataset import Dataset, Records
+from piaffe.sampling.learning.options import LearnOptions
+from piaffe.sampling.learning.train import train_value
+from piaffe.sampling.value.store import load_value
 
 from .value_problem import trot_problem
 

@@ -7,9 +7,8 @@ from piaffe import models, ocp
 from piaffe.errors import ProblemError, UnknownNameError
 from piaffe.models import base
 from piaffe.ocp import rotation
-from piaffe.ocp.nodes import Nodes
-from piaffe.sampling.value import Feature, ValueInputs
-from piaffe.sampling.value.inputs import STANDARD, clock, targets
+from piaffe.ocp.compiler.nodes import Nodes
+from piaffe.sampling.value.inputs import STANDARD, Feature, ValueInputs, clock, targets
 
 from .value_problem import trot_problem
 

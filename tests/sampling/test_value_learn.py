@@ -5,12 +5,14 @@ import numpy as np
 import pytest
 
 from piaffe.errors import SamplingError, ShapeError
-from piaffe.sampling.discount import discounted_return
-from piaffe.sampling.value import LearnOptions, Network, Transitions
+from piaffe.sampling.controllers.discount import discounted_return
+from piaffe.sampling.learning.options import LearnOptions
+from piaffe.sampling.learning.transitions import Transitions
+from piaffe.sampling.value.network import Network
 
 pytest.importorskip("flax")
 
-from piaffe.sampling.value.learn import explained_variance, learn
+from piaffe.sampling.learning.learn import explained_variance, learn
 
 SMALL = LearnOptions(
     hidden=(16, 16), batch=32, updates=12_000, record_every=500, learning_rate=1e-3, target_rate=0.05, held_out=0.0

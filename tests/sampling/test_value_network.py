@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from piaffe.errors import ShapeError
-from piaffe.sampling.value import Network
 from piaffe.sampling.value.compiled import CompiledNetwork, compiled_network
-from piaffe.sampling.value.network import EPSILON, Layer
+from piaffe.sampling.value.network import EPSILON, Layer, Network
 
 
 def make(sizes: tuple[int, ...] = (7, 24, 16), seed: int = 0) -> Network:
@@ -100,7 +99,7 @@ def test_wrong_number_of_inputs_is_refused() -> None:
 
 def test_numpy_flax_and_compiled_network_agree() -> None:
     pytest.importorskip("flax")
-    from piaffe.sampling.value.modules import compiled, to_module, to_network
+    from piaffe.sampling.learning.modules import compiled, to_module, to_network
 
     network = make((50, 512, 256, 128))
     inputs = inputs_for(network, 512).astype(np.float32)

@@ -13,11 +13,12 @@ import pytest
 
 from piaffe import models, ocp
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
-from piaffe.ocp.nodes import Nodes
+from piaffe.ocp.compiler.nodes import Nodes
 from piaffe.sampling import Options, Reward
-from piaffe.sampling.value import Network, Value, ValueInputs, fingerprint, load_value
-from piaffe.sampling.value.fingerprint import differences, plain
-from piaffe.sampling.value.store import digest
+from piaffe.sampling.value.fingerprint import differences, fingerprint, plain
+from piaffe.sampling.value.inputs import ValueInputs
+from piaffe.sampling.value.network import Network
+from piaffe.sampling.value.store import Value, digest, load_value
 
 from .test_value_network import make
 from .value_problem import trot_problem
@@ -131,14 +132,14 @@ def test_value_of_something_else_is_refused_by_the_entry_that_differs(
 
 def test_entries_may_be_allowed_to_differ(value: Value) -> None:
     other = controller(terrain=models.terrain.incline(0.175), payload=models.payload(0.5))
-    value.check(other, allow=("terrain", "payload"))
+    value.check(other.nodes, other.reward, other.options, allow=("terrain", "payload"))
     with pytest.raises(SamplingError, match="'payload"):
-        value.check(other, allow=("terrain",))
-    value.check(other, allow="terrain, payload")
+        value.check(other.nodes, other.reward, other.options, allow=("terrain",))
+    value.check(other.nodes, other.reward, other.options, allow="terrain, payload")
     with pytest.raises(SamplingError, match=r"'terrain.*pass allow=\('terrain',\) \(--allow \"terrain\"\)"):
-        value.check(other, allow=("payload",))
+        value.check(other.nodes, other.reward, other.options, allow=("payload",))
     with pytest.raises(UnknownNameError, match="value, allow: no entry 'terr'"):
-        value.check(other, allow=("terr", "payload"))
+        value.check(other.nodes, other.reward, other.options, allow=("terr", "payload"))
 
 
 def test_a_value_prints_as_one_line(value: Value) -> None:
@@ -157,7 +158,7 @@ def test_horizon_samples_and_place_of_the_start_do_not_matter(value: Value) -> N
     moved = controller()
     start = moved.nodes.problem.initial + np.r_[3.0, 1.0, np.zeros(35)]
     moved.nodes = Nodes(moved.nodes.problem.with_initial(start))
-    value.check(moved)
+    value.check(moved.nodes, moved.reward, moved.options)
 
 
 def test_other_robot_is_refused(value: Value) -> None:

@@ -13,12 +13,13 @@ from piaffe import ocp
 from piaffe.errors import PiaffeError, ProblemError, ShapeError, SolverError, UnknownNameError
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import BatchSolution, MSiLQR, Options, Solution, Status, solve_batch
-from piaffe.solvers.native import Machine, native_machine
+from piaffe.solvers.ilqr.native.backend import native_machine
+from piaffe.solvers.ilqr.native.memory import Machine
 
 from ..problems import PROBLEMS
 
 BACKENDS = ("native", "numpy")
-pytestmark = pytest.mark.filterwarnings("ignore::piaffe.solvers.native.NoCompilerWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::piaffe.codegen.NoCompilerWarning")
 BATCH = 5
 
 
@@ -272,7 +273,7 @@ def test_what_does_not_fit_is_refused_before_any_work(name: str, monkeypatch: py
     def never(*arguments: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr("piaffe.solvers.batch.native_machine", never)
+    monkeypatch.setattr("piaffe.solvers.batch.batch.native_machine", never)
     arguments, kind, told = REFUSED[name]
     with pytest.raises(kind, match=re.escape(told)) as caught:
         solve_batch(**{"problem": rope(), "initial_states": [rope().initial] * 2, **arguments})
@@ -310,7 +311,7 @@ def test_interruption_returns_the_iterates_so_far(threads: int, monkeypatch: pyt
 
     if native_machine(problem, Options()) is None:
         pytest.skip("no compiler")
-    monkeypatch.setattr("piaffe.solvers.batch.native_machine", watched)
+    monkeypatch.setattr("piaffe.solvers.batch.batch.native_machine", watched)
     batch = solve_batch(problem, [problem.initial] * 6, options=ENDLESS, threads=threads)
     begun = np.array([search is not None for search in batch.search])
     assert 1 <= begun.sum() <= threads
@@ -354,6 +355,6 @@ def test_error_in_a_thread_is_raised_in_the_caller(monkeypatch: pytest.MonkeyPat
     def fail(*arguments: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("piaffe.solvers.batch.write", fail)
+    monkeypatch.setattr("piaffe.solvers.batch.batch.write", fail)
     with pytest.raises(ZeroDivisionError):
         solve_batch(rope(), [rope().initial] * 3, threads=2)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from piaffe.errors import FileFormatError
-from piaffe.solvers import MSiLQR, Options, PhaseSolution, Solution, solution_file
+from piaffe.solvers import MSiLQR, Options, PhaseSolution, Solution
+from piaffe.solvers.solution import file as solution_file
 
 from ..problems import flying_body, rope
 

@@ -13,8 +13,8 @@ import typer
 
 from piaffe import __version__
 from piaffe.errors import PiaffeError
+from piaffe.ocp import load_problem
 
-from .loading import load_problem
 from .reports import plain, terminal
 from .sampling_commands import mppi, study
 
@@ -73,7 +73,7 @@ def options(
 def describe(file: File) -> None:
     """Print the compiled phases, what bound where, what did not and why, and warnings."""
     from piaffe.ocp import compile_problem
-    from piaffe.ocp.describe import describe as text
+    from piaffe.ocp import describe as text
 
     print(text(compile_problem(load_problem(file))))
 
@@ -90,7 +90,7 @@ def solve(
 ) -> None:
     """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
     from piaffe.solvers import Options, Solution
-    from piaffe.solvers.progress import LiveTable
+    from piaffe.viz import LiveTable
 
     from .building import start_solver
     from .reports import as_json, print_solution, solution_values
@@ -146,9 +146,7 @@ def check(
     seed: Annotated[int, typer.Option(help="Seed of the random states.")] = 0,
 ) -> None:
     """Compare every derivative with finite differences, scan the initial guess for NaN, report units and sizes."""
-    from piaffe.ocp import check_derivatives, compile_problem, notices
-    from piaffe.ocp.checks import check_guess
-    from piaffe.ocp.dimensions import report
+    from piaffe.ocp import check_derivatives, check_guess, compile_problem, notices, report
 
     from .reports import print_derivatives, print_dimensions
 
@@ -184,8 +182,7 @@ def plot(
 ) -> None:
     """Draw base, joints, torques with limits, forces with friction cones, contacts, defects and convergence."""
     from piaffe.solvers import Solution
-
-    from .figure import plot as draw
+    from piaffe.viz import plot as draw
 
     print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")
 
@@ -214,18 +211,14 @@ def video(
     ] = None,
 ) -> None:
     """Film a solution, rendered off screen by MuJoCo: the planned motion, or the policy played in simulation."""
-    from . import gl
-    from .cuts import cuts_of, is_sheet, picture_size
+    from piaffe.viz import cuts_of, gl, is_sheet, picture_size
 
     shape = picture_size(size)
     pictures_only = is_sheet(output)
     gl.prepare()  # before MuJoCo is imported
 
     from piaffe.solvers import Solution
-
-    from .film import sheet, write
-    from .playback import Playback
-    from .studio import Studio
+    from piaffe.viz import Playback, Studio, sheet, write
 
     playback = Playback(Solution.load(solution))
     cuts, said = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
@@ -246,7 +239,7 @@ def view(
     speed: Annotated[float, typer.Option(help="1 is real time.")] = 1.0,
 ) -> None:
     """Show a solution in MuJoCo's interactive viewer, over and over until its window is closed."""
-    from .viewer import show
+    from piaffe.viz import show
 
     show(solution, simulated=simulated, speed=speed)
 
@@ -260,7 +253,7 @@ def doctor(
     foot_radius: Annotated[float | None, typer.Option(help="Radius of the foot's ball [m].")] = None,
 ) -> None:
     """Say what is wrong or missing in a robot's description. Exit code 1 if it cannot be used."""
-    from piaffe.models.doctor import diagnose
+    from piaffe.models import diagnose
 
     names = feet.replace(",", " ").split() if feet else None
     findings = diagnose(urdf, feet=names, foot_radius=foot_radius)
@@ -283,7 +276,7 @@ def cache(
     json: Json = False,
 ) -> None:
     """Show the compiled solvers that are kept: where, what for, how large and how old; or remove them."""
-    from piaffe.solvers.native.cache import Cache
+    from piaffe.codegen import Cache
 
     from .libraries import cache_values, megabytes, print_cache
     from .reports import as_json

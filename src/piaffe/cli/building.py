@@ -7,9 +7,9 @@ import warnings
 
 from rich.console import Console
 
+from piaffe.codegen import NoCompilerWarning
 from piaffe.ocp import Problem
 from piaffe.solvers import MSiLQR, Options
-from piaffe.solvers.native import NoCompilerWarning
 
 
 def start_solver(problem: Problem, options: Options, backend: str) -> MSiLQR:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from piaffe.sampling.episode import Episode
+from piaffe.sampling import TITLES, Trial
+from piaffe.simulation import Episode
 
 from .reports import new_table
-from .trials import TITLES, Trial
 
 
 def episode_values(trial: Trial, episodes: Mapping[int, Episode]) -> dict[str, Any]:

@@ -8,8 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from piaffe.solvers.native.cache import Cache, fault_of
-from piaffe.solvers.native.cpu import this_cpu
+from piaffe.codegen import Cache, fault_of, this_cpu
 
 _UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (0.0, "s"))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from piaffe.ocp import CompiledProblem, Finding, Trajectory, Verification
-    from piaffe.ocp.dimensions import ConstraintReport, CostReport
-    from piaffe.ocp.verification import Kind
+    from piaffe.ocp import CompiledProblem, ConstraintReport, CostReport, Finding, Kind, Trajectory, Verification
     from piaffe.solvers import Solution
 
 KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality")
@@ -108,7 +107,7 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
 
 def print_verification(console: Console, result: Verification, values: dict[str, Any]) -> None:
     """Print a verification: the worst row of each kind against its bound, and what the motion amounts to."""
-    from piaffe.ocp.verification import BOUNDS
+    from piaffe.ocp import BOUNDS
 
     table = new_table("kind", ">worst", ">bound", "row", "phase", ">node", "unit", "declared")
     for kind in KINDS:
@@ -179,6 +178,14 @@ def print_dimensions(console: Console, costs: list[CostReport], constraints: lis
                 f"{row.worst:.3g}",
             )  # fmt: skip
         console.print(table)
+
+
+def print_cells(console: Console, lines: Sequence[Mapping[str, str]]) -> None:
+    """Print the cells of a study, one a line."""
+    shown = new_table(*(name if name == "method" else plain(f">{name}") for name in lines[0]))
+    for line in lines:
+        shown.add_row(*(plain(cell) for cell in line.values()))
+    console.print(shown)
 
 
 def new_table(*columns: str) -> Table:

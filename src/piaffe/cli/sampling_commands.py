@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 
 from piaffe.errors import SamplingError
 
-from .reports import as_json, plain, terminal
+from .reports import as_json, plain, print_cells, terminal
 
 FAILED = 1
 STALE = ("refuse", "keep", "redo")
@@ -69,22 +69,19 @@ def mppi(
 ) -> None:
     """Run a sampling controller in closed loop on a simulated plant. Exit code 1 unless every seed succeeds."""
     if video is not None:
-        from . import gl
-        from .cuts import is_sheet, picture_size
+        from piaffe.viz import gl, is_sheet, picture_size
 
         is_sheet(video)
         shape = picture_size(size)
         gl.prepare()  # before MuJoCo is imported
     if plot is not None:
-        from .figure import require_picture
+        from piaffe.viz import require_picture
 
         require_picture(plot)
 
-    from piaffe.sampling.records import save_episodes
+    from piaffe.sampling import complete, load_declared, prepare, save_episodes
 
     from .episodes import episode_values, print_episodes
-    from .sampled import load_declared
-    from .trials import complete, prepare
 
     given: dict[str, Any] = {
         "controller": controller, "value": value, "allow": allow, "steps": steps, "horizon": horizon,
@@ -121,12 +118,12 @@ def mppi(
         about = {key: values[key] for key in ("controller", "problem", "plant", "settings")}
         said.append(save_episodes(save, {f"seed {each}": episode for each, episode in episodes.items()}, about))
     if plot is not None:
-        from .episode_figure import plot_episodes
+        from piaffe.viz import plot_episodes
 
         said.append(plot_episodes(plot, trial, episodes))
     if video is not None:
-        from .episode_film import film_episode
-        from .trials import TITLES
+        from piaffe.sampling import TITLES
+        from piaffe.viz import film_episode
 
         said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=TITLES[controller]))
     if json:
@@ -165,13 +162,21 @@ def study(
 
     Every episode is kept when it is done. Exit code 1 if some could not be run.
     """
-    from piaffe.sampling.study import Study, require_pyarrow, write_parquet
-    from piaffe.solvers.native import available_cores
-
-    from .study_figures import draw_study
-    from .study_file import read_study, try_controllers
-    from .study_tables import cells, print_cells, write_tables
-    from .workers import FileTask, executor_of, require_executor
+    from piaffe.codegen import available_cores
+    from piaffe.sampling import (
+        FileTask,
+        Study,
+        cells,
+        executor_of,
+        listed,
+        read_study,
+        require_executor,
+        require_pyarrow,
+        try_controllers,
+        write_parquet,
+        write_tables,
+    )
+    from piaffe.viz import draw_study
 
     require_pyarrow()
     if stale not in STALE:
@@ -213,7 +218,7 @@ def study(
         }))  # fmt: skip
     else:
         if rows:
-            print_cells(console, rows)
+            print_cells(console, listed(rows))
         elif tables:
             print("no episode is done yet, so there is nothing to tabulate")
         for path in saved:

@@ -1,0 +1,167 @@
+"""Actions: what a controller of a simulated robot sets - joint targets that a PD law follows, or torques."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError
+from piaffe.ocp import Quantity, match_labels
+
+from ..mujoco_import import import_mujoco
+from ..quantities import joints
+from ..robot import Robot
+
+Array = NDArray[np.float64]
+
+STRETCH = 0.675
+"""How far from its target a joint is when the default stiffness takes all of its torque [rad]."""
+SETTLING = 0.05
+"""The default damping over the stiffness [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoundAction:
+    """An action of one robot; n are its joints, and its controls.
+
+    Args:
+        quantity: what a control is, ``joints.target`` or ``joints.torque``.
+        centre: middle of the range that controls are taken from, (n,) [rad] or [Nm].
+        half_range: half of that range, (n,).
+        kp: stiffness, (n,) [Nm/rad]; zero if controls are torques.
+        kd: damping, (n,) [Nm s/rad].
+    """
+
+    quantity: Quantity
+    centre: Array
+    half_range: Array
+    kp: Array
+    kd: Array
+
+    @property
+    def lower(self) -> Array:
+        """Smallest control, (n,)."""
+        return self.centre - self.half_range
+
+    @property
+    def upper(self) -> Array:
+        """Largest control, (n,)."""
+        return self.centre + self.half_range
+
+    def torque(self, u: Any, q: Any, v: Any) -> Any:
+        """Return the torque that is commanded, before limits, kp (u − q) − kd v or u itself [Nm].
+
+        Args:
+            u: control, CasADi (n, 1) or NumPy (..., n).
+            q: joint angles [rad].
+            v: joint velocities [rad/s].
+        """
+        return self.kp * (u - q) - self.kd * v if self.quantity == joints.target else u
+
+    def add_to(self, spec: Any, robot: Robot) -> None:
+        """Add an actuator per joint, in state order, whose control is the action's and whose force is limited."""
+        mujoco = import_mujoco()
+        for i, (name, limit) in enumerate(zip(robot.joint_names, robot.torque_limit, strict=True)):
+            motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.set_to_motor()
+            if self.quantity == joints.target:
+                motor.gainprm[0] = self.kp[i]
+                motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+                motor.biasprm[:3] = (0.0, -self.kp[i], -self.kd[i])
+            if np.isfinite(limit):
+                motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+                motor.forcerange = (-limit, limit)
+
+
+class Action(ABC):
+    """What a controller sets, before it is known for which robot."""
+
+    @abstractmethod
+    def bind(self, robot: Robot) -> BoundAction:
+        """Return the action of a robot; raise ModelError where a number makes no sense for it."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointTargets(Action):
+    """Joint angles for a PD law; made by :func:`joint_targets`."""
+
+    kp: Any
+    kd: Any
+    centre: object
+    half_range: Any
+
+    def bind(self, robot: Robot) -> BoundAction:
+        """Return the action of a robot."""
+        wanted = robot.torque_limit / STRETCH if self.kp is None else self.kp
+        kp = per_joint(robot, "joint_targets, kp", wanted)
+        kd = per_joint(robot, "joint_targets, kd", SETTLING * kp if self.kd is None else self.kd)
+        half = per_joint(robot, "joint_targets, half_range", self.half_range)
+        return BoundAction(joints.target, robot.pose(self.centre), half, kp, kd)
+
+
+@dataclass(frozen=True, eq=False)
+class Torques(Action):
+    """Joint torques, held for a simulator's step; made by :func:`torques`."""
+
+    half_range: Any
+
+    def bind(self, robot: Robot) -> BoundAction:
+        """Return the action of a robot."""
+        half = per_joint(
+            robot, "torques, half_range", robot.torque_limit if self.half_range is None else self.half_range
+        )
+        return BoundAction(joints.torque, np.zeros(robot.num_joints), half, *np.zeros((2, robot.num_joints)))
+
+
+def joint_targets(kp: Any = None, kd: Any = None, *, centre: object = "stand", half_range: Any = 0.4) -> JointTargets:
+    """Return the action of setting joint angles, which a PD law follows at every step of the simulator.
+
+    The torque is kp (target − q) − kd q̇, within the robot's limits. Numbers are one for all joints, one per joint, or
+    a mapping from labels, ``{"HAA": 0.3, "HFE": 0.4}``, that names every joint.
+
+    Args:
+        kp: stiffness; by default the torque limit over 0.675 rad, which is 4 for Solo12 [Nm/rad].
+        kd: damping; by default 0.05 s times the stiffness [Nm s/rad].
+        centre: middle of the targets' range: a pose's name, n numbers or a mapping from labels [rad].
+        half_range: half of it [rad]; samplers draw targets within the range.
+    """
+    return JointTargets(kp, kd, centre, half_range)
+
+
+def torques(half_range: Any = None) -> Torques:
+    """Return the action of setting joint torques.
+
+    Args:
+        half_range: samplers draw torques within ± this; numbers as for :func:`joint_targets` [Nm]. By default the
+            robot's limits.
+    """
+    return Torques(half_range)
+
+
+def per_joint(robot: Robot, where: str, value: Any) -> Array:
+    """Return one number per joint, (n,), from a number, n numbers, or a mapping from labels that names every joint.
+
+    Raises:
+        ModelError: a number is missing, not finite or negative.
+    """
+    numbers: Array = np.full(robot.num_joints, np.nan)
+    if isinstance(value, Mapping):
+        for label, entry in value.items():
+            numbers[match_labels(robot.joint_names, label, f"{where} of '{robot.name}'")] = entry
+    else:
+        with suppress(TypeError, ValueError):
+            numbers[:] = np.asarray(value, dtype=float)
+    for name, number in zip(robot.joint_names, numbers, strict=True):
+        if not (np.isfinite(number) and number >= 0):
+            raise ModelError(
+                f"{where} of '{robot.name}': no number for joint '{name}' - got {value!r}, expected one number, "
+                f"{robot.num_joints} numbers or a mapping from labels that names every joint, each finite and ≥ 0; "
+                "mend it"
+            )
+    return numbers

@@ -1,0 +1,18 @@
+"""MuJoCo, imported when it is needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from piaffe.errors import ModelError
+
+
+def import_mujoco() -> Any:
+    """Return the package, or say that it is not installed."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ModelError(
+            "mujoco scene: MuJoCo is not installed - got no package 'mujoco', expected it; pip install mujoco"
+        ) from error
+    return mujoco

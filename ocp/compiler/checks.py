@@ -1,0 +1,322 @@
+"""Checks of a compiled problem before any solve: targets, controls without cost, NaN at the initial guess."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import starmap
+from typing import TYPE_CHECKING
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, ProblemError, UnknownNameError
+
+from ..language import ByPhase, Constraint, Cost, ModelBase, Motion, Quantity, Schedule, model_of, numbers_of
+from .compiled import CompiledPhase, CompiledProblem
+from .mode import Row
+from .transition import LoweredTransition
+from .vectorised import Batch
+
+if TYPE_CHECKING:
+    from ..language import Problem
+
+Array = NDArray[np.float64]
+
+
+def check_targets(motion: Motion, models: list[ModelBase]) -> None:
+    """Raise if a keyframe speaks of something that no model has, or gives it another size."""
+    for phase in (phase for piece in motion.pieces for phase in piece.phases):
+        for name, value in phase.target.values.items() if phase.target else ():
+            errors: list[Exception] = []
+            for model in models:
+                try:
+                    _check_finite_target(model.keyframe({name: value}))
+                    break
+                except (ModelError, ProblemError) as error:
+                    errors.append(error)
+                except (TypeError, ValueError):
+                    numbers_of(value, f"phase '{phase.name}' ({phase.source}), keyframe", f"target '{name}'")
+                    raise
+            else:  # the most telling: a model that knows the name, but not with this value
+                telling = next((e for e in errors if not isinstance(e, UnknownNameError)), errors[0])
+                raise ProblemError(f"phase '{phase.name}' ({phase.source}): {telling}") from telling
+
+
+def _check_finite_target(targets: dict[Quantity, Array]) -> None:
+    for quantity, value in targets.items():
+        if not np.all(np.isfinite(value)):
+            raise ProblemError(
+                f"keyframe, target '{quantity}': is not finite - got {np.asarray(value).tolist()}, expected finite "
+                "numbers; mend it"
+            )
+
+
+def check_last(motion: Motion) -> None:
+    """Raise if a reset map stands at the end of a motion, where nothing follows."""
+    if motion.duration == float("inf"):
+        return
+    *before, last = (phase for piece in motion.pieces for phase in piece.phases)
+    if last.reset is not None and last not in before:
+        raise ProblemError(
+            f"phase '{last.name}' ({last.source}): its reset applies nowhere - got the motion's last phase, expected "
+            "another after it; add one, or remove the reset"
+        )
+
+
+def check_models(schedule: Schedule) -> None:
+    """Raise if two models share a name: reports, files and parameters could not tell them apart."""
+    named: dict[str, ModelBase] = {}
+    for segment in schedule.segments:
+        model = model_of(segment)
+        if named.setdefault(model.name, model) is not model:
+            raise ProblemError(
+                f"schedule ({segment.source}): two models share a name - got '{model.name}' twice, expected one model, "
+                "or another name; use one object, or give one of them name="
+            )
+
+
+def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
+    """Raise if a term speaks of a phase, or a schedule leaves out a term, that is not there."""
+    phases = dict.fromkeys(phase.name for piece in problem.motion.pieces for phase in piece.phases)
+    for term in terms:
+        named = list(term.when) if isinstance(term.when, tuple) else [term.when] if isinstance(term.when, str) else []
+        if isinstance(term, Cost) and isinstance(term.weight, ByPhase):
+            named += term.weight.phases
+        for name in named:
+            if name not in phases:
+                raise UnknownNameError(f"term '{term.name}' ({term.source})", "phase", name, phases)
+    for segment in problem.schedule.segments:
+        for term in segment.excluded:
+            if term not in terms:
+                raise ProblemError(
+                    f"schedule ({segment.source}), model '{segment.model.name}': leaves out a term that is not in the "
+                    f"problem - got '{term.name}' ({term.source}), expected one of its terms; pass the very object "
+                    "that the problem has"
+                )
+
+
+def require_derivatives(problem: Problem | CompiledProblem, solver: str) -> None:
+    """Raise if a solver that differentiates is given a model that can only be simulated.
+
+    Args:
+        problem: the problem, compiled or not.
+        solver: its name, for the message.
+    """
+    if isinstance(problem, CompiledProblem):
+        used = [(f"phase '{p.name}' ({p.interval.phase.source})", p.mode.model) for p in problem.phases]
+    else:
+        used = [(f"schedule ({segment.source})", model_of(segment)) for segment in problem.schedule.segments]
+    for where, model in used:
+        if not model.has_derivatives:
+            raise ProblemError(
+                f"{where}, model '{model.name}': has no derivatives - got a model that can only be simulated, expected "
+                f"one whose dynamics is an expression, for {solver}; schedule another model, or use a sampling "
+                "controller"
+            )
+
+
+def solve_implicit(K: Array, r0: Array) -> Array:
+    """Return z = −K⁻¹ r0 for stacked nodes, (n, nz)."""
+    if r0.shape[1] == 0:
+        return r0
+    return np.asarray(-np.linalg.solve(K, r0[:, :, None])[:, :, 0])
+
+
+class Guess:
+    """What a mode's functions give at the initial guess of phases, by name, each evaluated once.
+
+    Args:
+        phases: compiled phases of one mode; results have the nodes of all of them, one phase after another.
+    """
+
+    def __init__(self, *phases: CompiledPhase) -> None:
+        self.phases, self.mode = phases, phases[0].mode
+        self.x = np.concatenate([phase.guess_states[:-1] for phase in phases])
+        self.u = np.concatenate([phase.guess_controls for phase in phases])
+        self.p = np.concatenate([phase.p for phase in phases])
+        self.end = np.array([phase.guess_states[-1] for phase in phases]), np.array([phase.p_end for phase in phases])
+        self.has_derivatives = self.mode.model.has_derivatives
+
+    @cached_property
+    def _implicit(self) -> _Values:
+        return _Values(self.mode.functions["implicit"], self.x, self.u, self.p)
+
+    @cached_property
+    def z(self) -> Array:
+        """Implicit variables (N, nz); NaN if their equations have no solution."""
+        if not self.has_derivatives:
+            return np.zeros((len(self.x), self.mode.nz))
+        return _solved(self._implicit["K"], self._implicit["r0"])
+
+    @cached_property
+    def stage(self) -> Mapping[str, Array]:
+        """Values of the stages."""
+        return _Values(self.mode.functions["stage"], self.x, self.u, self.z, self.p)
+
+    @cached_property
+    def stage_d(self) -> Mapping[str, Array]:
+        """Derivatives of the stages that may be infinite where values are finite; empty for a model that has none."""
+        if not self.has_derivatives:
+            return {}
+        after = np.concatenate([phase.guess_states[1:] for phase in self.phases])
+        return _Values(self.mode.functions["guess_d"], self.x, self.u, self.z, self.p, after)
+
+    @cached_property
+    def terminal(self) -> Mapping[str, Array]:
+        """Values of the last nodes' rows."""
+        return _Values(self.mode.functions["terminal"], *self.end)
+
+    @cached_property
+    def terminal_d(self) -> Mapping[str, Array]:
+        """Derivatives of the last nodes' rows; empty for a model that has none."""
+        return _Values(self.mode.functions["terminal_d"], *self.end) if self.has_derivatives else {}
+
+    def control_curvature(self) -> Array:
+        """Return the largest curvature of the running cost by each control over the stages, z chained in, (nu,)."""
+        by_u, ndx = self.stage_d["residual_w"][:, :, self.mode.state.ndx :], self.mode.state.ndx
+        if self.mode.nz and by_u.shape[1]:
+            chained = np.linalg.solve(self._implicit["K"], self.stage_d["r_w"][:, :, ndx:])
+            by_u = by_u - self.stage_d["residual_z"] @ chained
+        weight = np.concatenate([phase.weight for phase in self.phases])
+        return np.asarray(np.einsum("nr,nru->nu", weight, by_u**2).max(axis=0))
+
+
+class ResetGuess:
+    """What a transition's functions give at the initial guess of phases that end with it.
+
+    Args:
+        transition: the transition.
+        phases: the phases.
+    """
+
+    def __init__(self, transition: LoweredTransition, phases: Sequence[CompiledPhase]) -> None:
+        f = transition.functions
+        x, p = np.array([phase.guess_states[-1] for phase in phases]), np.array([each.p_transition for each in phases])
+        implicit = _Values(f["implicit"], x, p)
+        z = _solved(implicit["K"], implicit["r0"])
+        self.values = _Values(f["reset"], x, z, p)
+        self.derivatives = _Values(f["reset_d"], x, z, p, self.values["x_next"])
+
+
+def by_mode(compiled: CompiledProblem) -> list[Guess]:
+    """Return a guess per mode, of all of its phases."""
+    modes = dict.fromkeys(phase.mode for phase in compiled.phases)
+    return [Guess(*(phase for phase in compiled.phases if phase.mode is mode)) for mode in modes]
+
+
+def check_guess(compiled: CompiledProblem) -> None:
+    """Raise if something is not finite at the initial guess, or a control has no cost there."""
+    guesses = by_mode(compiled)
+    check_finite(compiled, guesses)
+    check_controls(compiled, guesses)
+
+
+def check_controls(compiled: CompiledProblem, guesses: list[Guess] | None = None) -> None:
+    """Raise if some control has no running cost anywhere in a mode: its Hessian would be singular.
+
+    Models without derivatives are sampled, and need none.
+    """
+    for guess in guesses or by_mode(compiled):
+        phase, mode = guess.phases[0], guess.mode
+        if mode.nu == 0 or not guess.has_derivatives:
+            continue
+        where = f"phase '{phase.name}' ({phase.interval.phase.source})"
+        for i in np.flatnonzero(guess.control_curvature() <= 0.0):
+            label = mode.model.control.labels[i].strip()
+            raise ProblemError(
+                f"{where}, model '{mode.model.name}', mode '{mode.key}': a control has no running cost - got none on "
+                f"'{label}', expected at least a small one; add ocp.regularize('{label.split()[0]}', weight=...) "
+                "to the objective"
+            )
+
+
+def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) -> None:
+    """Raise if a value or derivative is NaN or infinite at the initial guess; name the term and the node."""
+    resets: dict[LoweredTransition, list[CompiledPhase]] = {}
+    for phase in compiled.phases:
+        if phase.transition is not None and phase.resets:
+            resets.setdefault(phase.transition, []).append(phase)
+    tables = [t for g in guesses or by_mode(compiled) for t in (g.stage, g.stage_d, g.terminal, g.terminal_d)]
+    tables += [table for g in starmap(ResetGuess, resets.items()) for table in (g.values, g.derivatives)]
+    if all(table.is_finite for table in tables if isinstance(table, _Values)):
+        return
+    for phase in compiled.phases:
+        _name_first(compiled, phase)
+
+
+def _name_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
+    """Raise for the first value or derivative of a phase that is not finite, if there is any."""
+    guess, n = Guess(phase), phase.num_stages
+    pairs = [
+        ("stage", 0, (guess.stage, guess.stage_d)),
+        ("terminal", n, (guess.terminal, guess.terminal_d)),
+    ]
+    if phase.transition is not None and phase.resets:
+        reset = ResetGuess(phase.transition, [phase])
+        pairs.append(("reset", n, (reset.values, reset.derivatives)))
+    for group, first, tables in pairs:
+        for what, results in zip(("value", "derivative"), tables, strict=True):
+            for name, array in results.items():
+                if np.all(np.isfinite(array)):
+                    continue
+                node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
+                got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
+                raise ProblemError(
+                    f"{owner_of(compiled, phase, group, name, row)}, phase '{phase.name}', node {first + node}: {what} "
+                    f"at the initial guess is not finite - got {got}, expected finite numbers; move the guess or the "
+                    "term away from the singularity"
+                )
+
+
+def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: str, row: int) -> str:
+    """Return what a row of a function belongs to, in words: a term and where it was declared, or dynamics or a reset.
+
+    Args:
+        compiled: the problem.
+        phase: one of its phases.
+        group: ``"stage"``, ``"terminal"`` or ``"reset"``.
+        name: an output of the group's functions, such as ``"g"`` or ``"residual_w"``.
+        row: its row.
+    """
+    kind, model = name.split("_")[0], phase.mode.model
+    if group != "reset" and kind in ("residual", "g", "h"):
+        owner: Row = phase.mode.rows[f"{group}_{kind}"][row]
+        source = f" ({compiled.terms[owner.term].source})" if owner.term >= 0 else ""
+        return f"term '{compiled.row_name(owner)}'{source}"
+    if group == "reset":
+        return f"reset of model '{model.name}' ({phase.interval.phase.source})"
+    if name == "x_next":
+        block = next(b for b in model.state.blocks if model.state.slices[b.quantity].stop > row)
+        return f"dynamics of model '{model.name}' ({phase.interval.phase.source}), next '{block.quantity}'"
+    return f"dynamics of model '{model.name}' ({phase.interval.phase.source}), function '{name}'"
+
+
+class _Values(Mapping[str, Array]):
+    """A function's outputs at nodes, by name: (n, rows, cols) of matrices, (n, rows) of columns."""
+
+    def __init__(self, function: cs.Function, *arguments: Array) -> None:
+        self._batch = Batch(function)
+        self._nonzeros = dict(zip(self._batch.names, self._batch.nonzeros(*arguments), strict=True))
+
+    def __getitem__(self, name: str) -> Array:
+        return self._batch.filled(name, self._nonzeros[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._nonzeros)
+
+    def __len__(self) -> int:
+        return len(self._nonzeros)
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of them are."""
+        return all(np.all(np.isfinite(values)) for values in self._nonzeros.values())
+
+
+def _solved(K: Array, r0: Array) -> Array:
+    try:
+        return solve_implicit(K, r0)
+    except np.linalg.LinAlgError:
+        return np.full_like(r0, np.nan)

@@ -1,0 +1,324 @@
+"""The compiler: from a declaration to flat phases of numbers and functions.
+
+Generated functions depend on the structure of the declaration alone (models, modes, which terms there are); all
+numbers, timings and contact sets are parameters, so declarations of equal structure share the generated functions.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, ProblemError, UnknownNameError
+
+from ..language import (
+    SCHEDULED,
+    At,
+    Constraint,
+    Cost,
+    Interval,
+    ModelBase,
+    Node,
+    Path,
+    Phase,
+    Problem,
+    Quantity,
+    ResetMap,
+    Sample,
+    Segment,
+    model_of,
+)
+from .checks import check_guess, check_last, check_models, check_names, check_targets
+from .compiled import CompiledPhase, CompiledProblem
+from .finite import check_numbers
+from .lowering import LEFT_OUT, lower_mode
+from .mode import LoweredMode
+from .numbers import Numbers
+from .timeline import Stretch, check_passed, covers, lay
+from .transition import LoweredTransition, lower_transition
+from .vectorised import Batch
+
+Array = NDArray[np.float64]
+Term = Cost | Constraint
+
+RUNNING = frozenset[At]({"running"})
+"""The terms that hold at a stage."""
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """What generated functions depend on; equal structures share them. ``terms`` are one example of the structure."""
+
+    model: ModelBase
+    key: str
+    shape: tuple[Hashable, ...]
+    excluded: frozenset[int]
+    terms: tuple[Term, ...] = field(compare=False)
+
+
+@lru_cache(maxsize=32)
+def _lower(structure: _Structure) -> LoweredMode:
+    return lower_mode(structure.model, structure.key, structure.terms, structure.excluded)
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A transition between two models."""
+
+    source: ModelBase
+    key: str
+    target: ModelBase
+    user: ResetMap | None
+    where: str = field(compare=False)
+
+
+@lru_cache(maxsize=64)
+def _link(link: _Link) -> LoweredTransition:
+    return lower_transition(link.source, link.key, link.target, link.user, link.where)
+
+
+def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -> CompiledProblem:
+    """Compile a problem into flat phases.
+
+    Args:
+        problem: the declaration.
+        t0: start of the horizon in the motion's time [s]; snaps to the first model's dt.
+        checks: whether to evaluate everything at the initial guess and refuse NaN, controls without cost, etc.
+
+    Raises:
+        ProblemError: the declaration is inconsistent; the message names the place in the user's file.
+    """
+    began = time.perf_counter()
+    misses = _lower.cache_info().misses + _link.cache_info().misses
+    compilation = Compilation(problem)
+    stretches = lay(compilation.path, problem.schedule, t0)
+    phases = tuple(compilation.phase(i, stretches) for i in range(len(stretches)))
+    compilation.check_bound(phases, complete=covers(problem.motion, stretches))
+    built = _lower.cache_info().misses + _link.cache_info().misses - misses
+    compiled = CompiledProblem(
+        phases=phases,
+        initial=problem.initial,
+        terms=compilation.terms,
+        scopes=compilation.scopes,
+        path=compilation.path,
+        unbound=compilation.unbound,
+        changing=frozenset(compilation.numbers.changing),
+        lowered=built,
+        compile_s=time.perf_counter() - began,
+    )
+    check_numbers(compiled)
+    if checks:
+        check_guess(compiled)
+    return compiled
+
+
+class Compilation:
+    """One run of the compiler over a problem: its path, its terms and their numbers."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        models = list(dict.fromkeys(model_of(segment) for segment in problem.schedule.segments))
+        self.head = models[0]
+        self.start: Sample = self.head.state.unpack(problem.initial)
+        check_targets(problem.motion, models)
+        check_last(problem.motion)
+        check_models(problem.schedule)
+        self.path: Path = problem.motion.bind(tuple(models), self.start)
+        self.models = models
+        scoped: list[tuple[Term, Phase | None]] = [(t, None) for t in (*problem.objective, *problem.constraints)]
+        for phase in dict.fromkeys(phase for piece in problem.motion.pieces for phase in piece.phases):
+            own = (*phase.objective, *phase.constraints, *phase.until)
+            scoped += [(term, phase) for term in own]
+        self.terms = tuple(term for term, _ in scoped)
+        self.scopes = tuple(scope for _, scope in scoped)
+        self.unbound: dict[tuple[str, int], str] = {}
+        self.numbers = Numbers(problem, self.terms, self.scopes)
+        self._lowered: dict[tuple[Segment, str], LoweredMode] = {}
+        self._weights: dict[LoweredMode, tuple[Batch, Batch]] = {}
+        self._modes: dict[tuple[ModelBase, int, int], tuple[Hashable, Hashable | None]] = {}
+        check_names(problem, self.terms)
+
+    # ---- one phase
+
+    def phase(self, i: int, stretches: list[Stretch]) -> CompiledPhase:
+        """Return the i-th flat phase."""
+        stretch = stretches[i]
+        segment, model = stretch.segment, stretch.model
+        follower = stretches[i + 1] if i + 1 < len(stretches) else None
+        mode_now, mode = self.resolve(model, stretch.interval.phase), self.mode(stretch)
+        n = stretch.num_stages
+        times: Array = stretch.start + segment.dt * np.arange(n + 1.0)
+        spans = self.path.intervals(stretch.end + 1e-6)
+        check_passed(stretch, spans)
+        inside = [stretch.interval_at(t, spans) for t in times[:-1]]
+        inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
+        samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
+        ending: set[At] = {"running"}
+        if stretch.ends_phase:
+            ending.add("phase_end")
+        if follower is None:
+            ending.add("end")
+        nodes = [
+            self.node(stretch, t, interval, sample, is_end=k == n)
+            for k, (t, interval, sample) in enumerate(zip(times, inside, samples, strict=True))
+        ]
+        p = np.empty((n + 1, mode.layout.size))
+        for interval, run in groupby(range(n), key=lambda k: inside[k]):
+            first, *rest = run
+            part = slice(first, first + 1 + len(rest))
+            p[part] = self.numbers.of_nodes(mode, segment.dt, nodes[part], interval.phase, RUNNING)
+        p[n:] = self.numbers.of_nodes(mode, segment.dt, nodes[n:], inside[n].phase, frozenset(ending))
+        stage_w, terminal_w = self.weights(mode)
+        stage, end = stage_w(p[:-1]), terminal_w(p[-1:])
+        transition, p_transition, resets = self.transition(stretch, follower, mode.key, samples[-1])
+        states, controls = self.guess(model, stretch, samples, i == 0)
+        return CompiledPhase(
+            name=stretch.interval.phase.name,
+            label=str(mode_now) if model.cut_by_modes else SCHEDULED,
+            interval=stretch.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1],
+            weight=stage[0], g_mask=stage[1], h_mask=stage[2],
+            end_weight=end[0][0], end_g_mask=end[1][0], end_h_mask=end[2][0],
+            ends_phase=stretch.ends_phase, transition=transition, p_transition=p_transition, resets=resets,
+            guess_states=states, guess_controls=controls,
+        )  # fmt: skip
+
+    def mode(self, stretch: Stretch) -> LoweredMode:
+        """Return the lowered mode of a stretch."""
+        segment, model = stretch.segment, stretch.model
+        key = model.mode_key(self.resolve(model, stretch.interval.phase))
+        if (segment, key) not in self._lowered:
+            excluded = frozenset(k for k, term in enumerate(self.terms) if term in segment.excluded)
+            lowered = _lower(_Structure(model, key, self._shape, excluded, self.terms))
+            self.unbound.update({(model.name, k): why for k, why in lowered.unbound.items()})
+            self._lowered[segment, key] = lowered
+        return self._lowered[segment, key]
+
+    @cached_property
+    def _shape(self) -> tuple[Hashable, ...]:
+        return tuple(term.structure() for term in self.terms)
+
+    def weights(self, mode: LoweredMode) -> tuple[Batch, Batch]:
+        """Return what gives the weights and masks of a mode's stages and of its last nodes."""
+        if mode not in self._weights:
+            self._weights[mode] = Batch(mode.functions["stage_w"]), Batch(mode.functions["terminal_w"])
+        return self._weights[mode]
+
+    def resolve(self, model: ModelBase, phase: Phase) -> Hashable:
+        """Return a phase's mode in a model's terms; errors name the phase."""
+        try:
+            return model.resolve(phase.mode)
+        except (ModelError, ProblemError) as error:
+            raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
+
+    def neighbour(self, model: ModelBase, interval: Interval | None) -> Hashable | None:
+        """Return the mode of a phase before or after in a model's terms; None if it has none or another model's."""
+        try:
+            return None if interval is None else model.resolve(interval.phase.mode)
+        except (ModelError, ProblemError):
+            return None
+
+    def node(self, stretch: Stretch, t: float, interval: Interval, sample: Sample, *, is_end: bool) -> Node:
+        """Return the context in which a model is asked its numbers."""
+        model = stretch.model
+        key = (model, interval.piece, interval.index)
+        if key not in self._modes:
+            earlier = self.path.interval_before(interval.start) if interval.start > 0 else None
+            self._modes[key] = self.resolve(model, interval.phase), self.neighbour(model, earlier)
+        now, before = self._modes[key]
+        after = self.neighbour(model, stretch.following) if is_end else None
+        steps = round((t - interval.start) / stretch.segment.dt)
+        return Node(t, now, after, sample, before, steps)
+
+    # ---- between phases
+
+    def transition(
+        self, stretch: Stretch, follower: Stretch | None, key: str, sample: Sample
+    ) -> tuple[LoweredTransition | None, Array, bool]:
+        """Return the transition to the next stretch, its parameters and whether it does anything."""
+        if follower is None:
+            return None, np.zeros(0), False
+        model, ending = stretch.model, self.path.interval_before(stretch.end)
+        phase = ending.phase
+        user = phase.reset if stretch.ends_phase else None
+        where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
+        lowered = _link(_Link(model, key, follower.model, user, where))
+        node = self.node(stretch, stretch.end, ending, sample, is_end=True)
+        moves = user is not None or model is not follower.model or model.lands(node)
+        return lowered, self.numbers.of_transition(lowered, stretch.segment.dt, node), moves
+
+    # ---- the initial guess
+
+    def guess(self, model: ModelBase, stretch: Stretch, samples: list[Sample], is_first: bool) -> tuple[Array, Array]:
+        """Return states and controls along the path; what it lacks keeps its start (or is zero)."""
+        rows: dict[Quantity, Array] = {}
+        for block in model.state.blocks:
+            still = self.start.get(block.quantity)
+            if still is None:
+                still = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
+            rows[block.quantity] = np.array([sample.get(block.quantity, still) for sample in samples], dtype=float)
+        states = model.state.np_normalise(model.state.pack(rows))
+        if is_first:
+            states[0] = self.problem.initial
+        return states, self.controls(model, samples[:-1])
+
+    def controls(self, model: ModelBase, samples: list[Sample]) -> Array:
+        """Return the controls that the path names at samples, else the model's own guess, else zero, (N, nu)."""
+        if not model.control.blocks:
+            return np.zeros((len(samples), 0))
+        known = [{**model.control_guess(sample), **sample} for sample in samples]
+        rows = {
+            b.quantity: np.array([each.get(b.quantity, np.zeros(b.nx)) for each in known], dtype=float)
+            for b in model.control.blocks
+        }
+        return model.control.pack(rows)
+
+    # ---- what was declared and applies nowhere
+
+    def check_bound(self, phases: tuple[CompiledPhase, ...], *, complete: bool) -> None:
+        """Raise for terms and parameters that apply nowhere.
+
+        Args:
+            phases: the horizon.
+            complete: whether it covers the whole motion; otherwise a term may apply in another part of it.
+        """
+        modes = dict.fromkeys(phase.mode for phase in phases)
+        for k, term in enumerate(self.terms):
+            whys = list(dict.fromkeys(mode.unbound[k] for mode in modes if k in mode.unbound))
+            binds = any(k in mode.bound for mode in modes)
+            if k in self.numbers.applied or LEFT_OUT in whys or (binds and not complete):
+                continue
+            if binds:
+                names = ", ".join(dict.fromkeys(f"'{phase.name}'" for phase in phases))
+                whys.append(
+                    f"it is meant for {_phases_of(term)} at '{term.at}', and no such phase among {names} has a model "
+                    "with it"
+                )
+            raise nowhere(term, whys)
+        slots = {f"{model.name}.{slot.name}" for model in self.models for slot in model.slots}
+        for name in sorted(set(self.problem.parameters) - self.numbers.used):
+            if complete or name.split(".")[0] in {model.name for model in self.models}:
+                known = sorted(slots | self.numbers.used)
+                raise UnknownNameError(f"problem ({self.problem.source})", "parameter", name, known)
+
+
+def nowhere(term: Term, whys: Iterable[str]) -> ProblemError:
+    """Return the error of a term that applies nowhere, for some reasons."""
+    return ProblemError(
+        f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one model and "
+        "phase; correct it or remove it"
+    )
+
+
+def _phases_of(term: Term) -> str:
+    if term.when is None:
+        return "every phase"
+    if callable(term.when):
+        return "phases that its when= picks"
+    names = (term.when,) if isinstance(term.when, str) else term.when
+    return "phase " + " or ".join(f"'{name}'" for name in names)

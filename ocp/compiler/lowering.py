@@ -1,0 +1,154 @@
+"""Lowering: from a model's mode and a problem's terms to the functions of a :class:`LoweredMode`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+
+import casadi as cs
+
+from piaffe.errors import ProblemError, UnknownNameError
+
+from ..language import Constraint, Cost, Dynamics, ModelBase
+from .functions import is_smooth, make_derivatives, make_function
+from .linear import affine, tangent_jacobians
+from .mode import LoweredMode, Row
+from .rows import Rows, TermBinder
+from .symbols import NodeSymbols
+
+LEFT_OUT = "left out by the schedule"
+_FEW = 16  # names that are listed
+
+Groups = dict[str, list[Rows]]
+
+
+def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], excluded: Set[int]) -> LoweredMode:
+    """Return the lowered mode.
+
+    Args:
+        model: whose mode it is.
+        key: the mode.
+        terms: the problem's.
+        excluded: those that the schedule leaves out, by index.
+
+    Raises:
+        ProblemError, ShapeError: a term or the model is unusable; the message tells where it is declared.
+    """
+    symbols = NodeSymbols(model, model.implicit_size(key))
+    x, u, z = symbols.x, symbols.u, symbols.z
+    dynamics = model.dynamics(key, x, u, z, symbols.of_model())
+    declared = getattr(model, "source", None)
+    where = f"model '{model.name}'{f' ({declared})' if declared else ''}, mode '{key}'"
+    symbols.check(where, cs.vertcat(dynamics.implicit, dynamics.next_state))
+    binder = TermBinder(model, dynamics, symbols, terms)
+    stage: Groups = {"residual": [], "g": [], "h": []}
+    terminal: Groups = {"residual": [], "g": [], "h": []}
+    bound: list[int] = []
+    unbound: dict[int, str] = {}
+    for index, term in enumerate(terms):
+        if index in excluded:
+            unbound[index] = LEFT_OUT
+            continue
+        try:
+            rows = binder.bind(index)
+        except UnknownNameError as error:
+            unbound[index] = _cannot(model, error)
+            continue
+        bound.append(index)
+        group = "residual" if isinstance(term, Cost) else "g" if term.kind == "inequality" else "h"
+        needs = cs.depends_on(rows.value, cs.vertcat(u, z)) if u.numel() + z.numel() else False
+        if term.at != "running" and needs:
+            raise ProblemError(
+                f"term '{term.name}' ({term.source}): depends on control or contact force where there is none - "
+                f"got at='{term.at}', expected at='running' or an expression of the state; change one"
+            )
+        if term.at == "running":
+            stage[group].append(rows)
+        if term.at != "running" or (group != "residual" and not needs):
+            terminal[group].append(rows)
+    switching = model.switching(key, dynamics.quantities, symbols.of_model())
+    if switching is not None:
+        mask = cs.SX.ones(switching.size) if switching.mask is None else switching.mask
+        names = tuple(Row(-1, label, switching.quantity.unit) for label in switching.labels)
+        terminal["h"].append(Rows(switching.value, None, mask, names))
+    return LoweredMode(
+        model=model,
+        key=key,
+        layout=symbols.layout,
+        parameters=symbols.parameters,
+        nz=z.numel(),
+        functions=_functions(model, key, dynamics, symbols, stage, terminal),
+        rows={f"stage_{k}": _names(v) for k, v in stage.items()}
+        | {f"terminal_{k}": _names(v) for k, v in terminal.items()},
+        outputs=tuple((q, dynamics.quantities.bind(q).value.numel()) for q in dynamics.outputs),
+        bound=tuple(bound),
+        unbound=unbound,
+    )
+
+
+def _functions(
+    model: ModelBase, key: str, dynamics: Dynamics, symbols: NodeSymbols, stage: Groups, terminal: Groups
+) -> Mapping[str, cs.Function]:
+    """Return the mode's functions, named after the table of :mod:`.mode`."""
+    x, p = symbols.x, symbols.p
+    xuzp = {"x": x, "u": symbols.u, "z": symbols.z, "p": p}
+    rows = {k: _stack([piece.value for piece in v]) for k, v in stage.items()}
+    end = {k: _stack([piece.value for piece in v]) for k, v in terminal.items()}
+    step = {"x_next": dynamics.next_state} if model.has_derivatives else {}
+    return {
+        "stage": make_function("stage", xuzp, {**step, **rows}),
+        "stage_w": make_function("stage_w", {"p": p}, _numbers(stage)),
+        "terminal": make_function("terminal", {"x": x, "p": p}, end),
+        "terminal_w": make_function("terminal_w", {"p": p}, _numbers(terminal)),
+        "outputs": make_function(
+            "outputs", xuzp, {"outputs": _stack([dynamics.quantities.bind(q).value for q in dynamics.outputs])}
+        ),
+    } | (_derivatives(model, key, dynamics, symbols, rows, end) if model.has_derivatives else {})
+
+
+def _derivatives(
+    model: ModelBase, key: str, dynamics: Dynamics, symbols: NodeSymbols, rows: dict[str, cs.SX], end: dict[str, cs.SX]
+) -> dict[str, cs.Function]:
+    """Return the implicit part and the derivatives of dynamics and rows."""
+    x, u, z, p, state = symbols.x, symbols.u, symbols.z, symbols.p, model.state
+    K, r0 = affine(dynamics.implicit, z, f"model '{model.name}', mode '{key}'")
+    xn, dx = cs.SX.sym("xn", state.nx), cs.SX.sym("dx", state.ndx)
+    # Derivatives by the tangent go through x + E(x) dx at dx = 0; least squares need no second ones (Gauss-Newton).
+    groups = [dynamics.implicit, state.minus(dynamics.next_state, xn), rows["residual"], rows["g"], rows["h"]]
+    by_w, by_z = tangent_jacobians(groups, state, x, dx, u, z)
+    end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
+    names = ["residual", "g", "h"]
+    stage = {"x": x, "u": u, "z": z, "p": p, "xn": xn}
+    others = dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
+    others |= dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True))
+    by_u = cs.horzcat(cs.SX(z.numel(), state.ndx), by_w[0][:, state.ndx :])
+    smooth = is_smooth(cs.Function("implicit", [x, u, z, p], [dynamics.implicit]))
+    return {
+        "implicit": make_derivatives("implicit", {"x": x, "u": u, "p": p}, {"K": K}, {"r0": r0}),
+        "stage_d": make_derivatives("stage_d", stage, {"r_w": by_w[0], **others}),
+        "guess_d": make_derivatives("guess_d", stage, {"r_w": by_u if smooth else by_w[0], **others}),
+        "terminal_d": make_derivatives(
+            "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
+        ),
+    }
+
+
+def _cannot(model: ModelBase, error: UnknownNameError) -> str:
+    """Return why a model cannot supply what a term speaks of."""
+    if error.what == "component":
+        has = f" (it has {', '.join(error.known)})" if len(error.known) <= _FEW else ""
+        return f"{error.where} of model '{model.name}' has no component '{error.name}'{error.hint or has}"
+    return f"model '{model.name}' cannot supply '{error.name}'{error.hint}"
+
+
+def _names(pieces: list[Rows]) -> tuple[Row, ...]:
+    return tuple(row for piece in pieces for row in piece.names)
+
+
+def _numbers(group: Groups) -> dict[str, cs.SX]:
+    """Return weights of residuals and masks of constraints."""
+    weights = [piece.weight * piece.mask for piece in group["residual"] if piece.weight is not None]
+    return {"weight": _stack(weights)} | {f"{k}_mask": _stack([piece.mask for piece in group[k]]) for k in ("g", "h")}
+
+
+def _stack(parts: list[cs.SX]) -> cs.SX:
+    return cs.vertcat(*parts) if parts else cs.SX(0, 1)

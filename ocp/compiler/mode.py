@@ -1,0 +1,77 @@
+"""Lowered modes: one mode of a model and the terms that bind there, as pure CasADi functions.
+
+The functions of a mode, with w = (δx, u) and d = f ⊖ x_next (δx is taken at zero, through the manifold):
+
+=============  ============================================  ====================================================
+implicit       (x, u, p)         → K, r0                     the implicit part r = r0 + K z, z = −K⁻¹ r0
+stage          (x, u, z, p)      → x_next, residual, g, h    one stage; rows of running terms
+stage_d        (x, u, z, p, xn)  → r_w, and d, residual, g,
+                                   h by w and by z
+guess_d        as stage_d        → the same but for what is finite wherever x, u and z are, which is zero
+stage_w        (p)               → weight, g_mask, h_mask    numbers per row; a masked row counts for nothing
+terminal       (x, p)            → residual, g, h            the last node of a phase
+terminal_d     (x, p)            → residual_x, g_x, h_x
+terminal_w     (p)               → weight, g_mask, h_mask
+outputs        (x, u, z, p)      → recorded quantities
+=============  ============================================  ====================================================
+
+Inequalities are g ≥ 0, already divided by the row's scale, as equalities are. A mode of a model without derivatives has
+neither implicit, stage_d and terminal_d nor x_next: its step is the simulator's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as cs
+
+from ..language import Manifold, ModelBase, Parameter, Quantity
+from .layout import Layout
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of a residual or constraint.
+
+    Args:
+        term: index into the problem's terms; -1 for rows that the model derives (switching).
+        label: name of the component.
+        unit: its unit.
+        scale: what the raw SI amount was divided by.
+        side: ``"lower"`` or ``"upper"`` of an inequality.
+        rotates: whether it is a component of a rotation's difference.
+    """
+
+    term: int
+    label: str
+    unit: str
+    scale: float = 1.0
+    side: str = ""
+    rotates: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class LoweredMode:
+    """A mode's functions, sizes, rows and parameter layout."""
+
+    model: ModelBase
+    key: str
+    layout: Layout
+    parameters: tuple[Parameter, ...]
+    nz: int
+    functions: Mapping[str, cs.Function]
+    rows: Mapping[str, tuple[Row, ...]]
+    outputs: tuple[tuple[Quantity, int], ...]
+    bound: tuple[int, ...]
+    unbound: Mapping[int, str]
+
+    @property
+    def state(self) -> Manifold:
+        """The state space."""
+        return self.model.state
+
+    @property
+    def nu(self) -> int:
+        """Number of controls."""
+        return self.model.control.nx

@@ -1,0 +1,135 @@
+"""Numbers of a mode's nodes over time, for those who walk along a motion: a sampling controller asks at every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ProblemError
+
+from ..language import At, Interval, Problem, Sample, model_of
+from .compile import RUNNING, Compilation, nowhere
+from .lowering import LEFT_OUT
+from .mode import LoweredMode
+from .timeline import Stretch
+
+Array = NDArray[np.float64]
+
+_ENDING = frozenset[At]({"running", "end"})
+
+
+@dataclass(frozen=True)
+class NodeNumbers:
+    """Numbers of S consecutive nodes.
+
+    Args:
+        p: parameters (S, np).
+        weight: residual weights (S, nr), masks folded in.
+        g_mask: 0 or 1 per inequality row (S, ng).
+        h_mask: the same for equalities (S, nh).
+    """
+
+    p: Array
+    weight: Array
+    g_mask: Array
+    h_mask: Array
+
+
+class Nodes:
+    """The nodes of a problem whose schedule is one model that contact changes do not cut; filled as they are asked for.
+
+    Node k is at time ``k dt`` since the motion's start, which the problem's initial state marks.
+
+    Args:
+        problem: the declaration.
+
+    Raises:
+        ProblemError: the schedule has several models or one that modes cut, or a term speaks of what the model cannot
+            supply, or holds at phases' ends.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        segment = problem.schedule.segments[0]
+        if len(problem.schedule.segments) > 1 or model_of(segment).cut_by_modes:
+            names = " + ".join(s.model.name for s in problem.schedule.segments)
+            raise ProblemError(
+                f"problem ({problem.source}): its schedule cannot be walked along - got {names}, expected one model "
+                "that contact changes do not cut; schedule models.Mujoco(robot).over(duration, dt) alone"
+            )
+        self.problem, self.model, self.dt = problem, model_of(segment), segment.dt
+        self._compilation = Compilation(problem)
+        self._path = self._compilation.path
+        self.terms = self._compilation.terms
+        first = self._path.interval_at(0.0)
+        self._stretch = Stretch(segment, first, 0.0, 1, False, None)
+        self.mode: LoweredMode = self._compilation.mode(self._stretch)
+        for k, why in self.mode.unbound.items():
+            if why != LEFT_OUT:
+                raise nowhere(self.terms[k], [why])
+        self._refuse_phase_ends(segment.excluded)
+        self._weights = self._compilation.weights(self.mode)
+        self._rows: list[tuple[Array, Array, Array, Array]] = []
+        self._samples: list[Sample] = []
+        self._fill(1)  # what weights and bounds refuse, they refuse now
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]; infinite if cyclic."""
+        return self.problem.motion.duration
+
+    def running(self, first: int, count: int) -> NodeNumbers:
+        """Return the numbers of nodes ``first`` to ``first + count - 1`` as stages; past the motion's end, its last."""
+        self._fill(first + count)
+        p, weight, g_mask, h_mask = (np.array(part) for part in zip(*self._rows[first : first + count], strict=True))
+        return NodeNumbers(p, weight, g_mask, h_mask)
+
+    def end(self, k: int) -> NodeNumbers:
+        """Return the numbers of node k as the horizon's last, terms ``at="end"`` included; each of one row, S = 1."""
+        p = self._of_node(k, _ENDING)[None]
+        weight, g_mask, h_mask = self._weights[1](p)
+        return NodeNumbers(p, weight, g_mask, h_mask)
+
+    def sample(self, k: int) -> Sample:
+        """Return the motion's targets at node k."""
+        self._fill(k + 1)
+        return self._samples[k]
+
+    def interval(self, k: int) -> Interval:
+        """Return the phase at node k; the later one on a boundary, the last one beyond the motion's end."""
+        return self._path.interval_at(self._time(k))
+
+    # ---- filling
+
+    def _fill(self, count: int) -> None:
+        missing = range(len(self._rows), count)
+        if not missing:
+            return
+        self._samples += [self._sample(k) for k in range(len(self._samples), count)]
+        p = np.array([self._of_node(k, RUNNING) for k in missing])
+        self._rows += list(zip(p, *self._weights[0](p), strict=True))
+
+    def _sample(self, k: int) -> Sample:
+        t = self._time(k)
+        return self._path.sample(t, self._path.interval_at(t))
+
+    def _time(self, k: int) -> float:
+        return min(k * self.dt, self.duration)
+
+    def _of_node(self, k: int, here: frozenset[At]) -> Array:
+        t = self._time(k)
+        interval = self._path.interval_at(t)
+        sample = self._samples[k] if k < len(self._samples) else self._path.sample(t, interval)
+        node = self._compilation.node(self._stretch, t, interval, sample, is_end=False)
+        row: Array = self._compilation.numbers.of_nodes(self.mode, self.dt, [node], interval.phase, here)[0]
+        return row
+
+    def _refuse_phase_ends(self, excluded: tuple[object, ...]) -> None:
+        for k in self.mode.bound:
+            term = self._compilation.terms[k]
+            if term.at == "phase_end" and term not in excluded:
+                raise ProblemError(
+                    f"term '{term.name}' ({term.source}): applies nowhere along a sampled motion - got "
+                    "at='phase_end', expected 'running' or 'end'; leave it out with .without(term)"
+                )

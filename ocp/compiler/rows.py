@@ -1,0 +1,152 @@
+"""Rows: what a term adds to a mode, as an expression of the node with weights, masks and names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as cs
+
+from piaffe.errors import ProblemError, ShapeError
+
+from ..language import Bound, Constraint, Cost, Dynamics, ModelBase, NodeView, call, column, rotation
+from .mode import Row
+from .symbols import NodeSymbols
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of one term.
+
+    Args:
+        value: expression of the node.
+        weight: of a cost's rows; a constraint has none.
+        mask: a row counts where this is one.
+        names: one per row.
+    """
+
+    value: cs.SX
+    weight: cs.SX | None
+    mask: cs.SX
+    names: tuple[Row, ...]
+
+
+class TermBinder:
+    """Binds terms to a node.
+
+    Args:
+        model: the node's model.
+        dynamics: its expressions of the symbols.
+        symbols: the node's; terms add their numbers.
+        terms: what ``index`` counts.
+    """
+
+    def __init__(
+        self, model: ModelBase, dynamics: Dynamics, symbols: NodeSymbols, terms: Sequence[Cost | Constraint]
+    ) -> None:
+        self._model, self._quantities, self._symbols, self._terms = model, dynamics.quantities, symbols, terms
+        self._view = NodeView(dynamics.quantities)
+
+    def bind(self, index: int) -> Rows:
+        """Return a term's rows.
+
+        Raises:
+            UnknownNameError: the model does not supply what the term speaks of.
+            ProblemError, ShapeError: the term's function, mask or labels are unusable.
+        """
+        term = self._terms[index]
+        return self._cost(index, term) if isinstance(term, Cost) else self._constraint(index, term)
+
+    def _cost(self, index: int, cost: Cost) -> Rows:
+        if cost.quantity is not None:
+            bound = self._quantities.bind(cost.quantity)
+            value, labels, mask = self._difference(bound, index, cost), bound.labels, bound.mask
+            unit, rotates = cost.unit or bound.quantity.unit, bound.quantity.kind == "rotation"
+        else:
+            value = self._evaluate(index, cost.function)
+            labels = tuple(str(i) for i in range(value.numel())) if value.numel() > 1 else ("",)
+            mask, unit, rotates = None, cost.unit, False
+        if cost.mask is not None:
+            extra = self._stretch(
+                self._evaluate(index, cost.mask, is_mask=True), value.numel(), f"term '{cost.name}' ({cost.source})"
+            )
+            mask = extra if mask is None else mask * extra
+        weight = self._symbols.own(f"term{index}.weight", value.numel())
+        names = tuple(Row(index, label, unit, rotates=rotates) for label in labels)
+        return Rows(value, weight, cs.SX.ones(value.numel()) if mask is None else mask, names)
+
+    def _difference(self, bound: Bound, index: int, cost: Cost) -> cs.SX:
+        """Return value ⊖ target of a tracked quantity."""
+        if cost.target is not None and cost.target.size == 0 and bound.quantity.kind != "rotation":
+            return bound.value
+        target = self._symbols.own(f"term{index}.target", bound.value.numel())
+        if bound.quantity.kind == "rotation":
+            return rotation.log(rotation.multiply(rotation.conjugate(target), bound.value))
+        return bound.value - target
+
+    def _constraint(self, index: int, constraint: Constraint) -> Rows:
+        """Return value − lower and upper − value, divided by the constraint's scale."""
+        where = f"constraint '{constraint.name}' ({constraint.source})"
+        value = self._evaluate(index, constraint.function)
+        n = value.numel()
+        labels = constraint.labels(self._model) if callable(constraint.labels) else constraint.labels
+        labels = tuple(labels) if labels is not None else tuple(str(i) for i in range(n)) if n > 1 else ("",)
+        if len(labels) != n:
+            raise ShapeError(
+                f"{where}: labels do not match the rows - got {len(labels)}, expected {n}; give one per row"
+            )
+        mask = cs.SX.ones(n) * self._symbols.own(f"term{index}.active", 1)
+        if constraint.mask is not None:
+            mask = mask * self._stretch(self._evaluate(index, constraint.mask, is_mask=True), n, where)
+        unit, scale = constraint.unit, constraint.scale
+        if constraint.kind == "equality":
+            return Rows(value / scale, None, mask, tuple(Row(index, x, unit, scale) for x in labels))
+        rows, masks, names = [], [], []
+        for side, sign in (("lower", 1), ("upper", -1)):
+            if getattr(constraint, side) is None:
+                continue
+            bound = self._symbols.own(f"term{index}.{side}", n)
+            finite = self._symbols.own(f"term{index}.has_{side}", n)
+            rows.append(sign * (value - bound) / scale)
+            masks.append(mask * finite)
+            names += [Row(index, x, unit, scale, side) for x in labels]
+        return Rows(cs.vertcat(*rows), None, cs.vertcat(*masks), tuple(names))
+
+    def _evaluate(self, index: int, function: Any, *, is_mask: bool = False) -> cs.SX:
+        """Call a user's function and return its rows as a column; masks get no parameters."""
+        term = self._terms[index]
+        given = {} if is_mask else term.parameters
+        numbers = {name: self._symbols.own(f"term{index}.{name}", value.size) for name, value in given.items()}
+        where = f"term '{term.name}' ({term.source})"
+        result = call(function, where, self._view, **numbers)
+        if isinstance(result, NodeView):
+            raise ProblemError(
+                f"{where}: the function returned a group - got a group of quantities, expected numbers; name one of "
+                "them"
+            )
+        try:
+            rows = column(result)
+        except NotImplementedError as error:  # what CasADi raises for what it cannot convert
+            raise ProblemError(
+                f"{where}: the function's result is unusable - got {type(result).__name__}, expected a CasADi column; "
+                "return one"
+            ) from error
+        if rows.numel() == 0:
+            raise ShapeError(f"{where}: the function returned no rows - got 0, expected at least one; return some")
+        self._symbols.check(where, rows)
+        return cs.densify(rows)
+
+    def _stretch(self, mask: cs.SX, count: int, where: str) -> cs.SX:
+        """Return a mask with one entry per row; a mask of fewer entries is repeated blockwise."""
+        if count % mask.numel():
+            raise ShapeError(
+                f"{where}: mask has the wrong size - got {mask.numel()} entries, expected a divisor of {count} rows; "
+                "mend it"
+            )
+        if cs.depends_on(mask, cs.vertcat(self._symbols.x, self._symbols.u, self._symbols.z)):
+            raise ProblemError(
+                f"{where}: mask depends on state or control - got an expression of x, u or z, expected numbers of the "
+                "node (contact flags); mend it"
+            )
+        return cs.kron(mask, cs.SX.ones(count // mask.numel()))

@@ -1,0 +1,99 @@
+"""Symbols of a node: state, control, implicit part and parameter vector, and what an expression may depend on."""
+
+from __future__ import annotations
+
+import casadi as cs
+
+from piaffe.errors import ProblemError
+
+from ..language import ModelBase, Parameter, find_parameter
+from .layout import Layout
+
+
+class NodeSymbols:
+    """Symbols of one node, and a parameter vector that grows while its functions are made.
+
+    Args:
+        model: the node's model; its slots come first in the parameter vector.
+        nz: size of the implicit part z.
+    """
+
+    def __init__(self, model: ModelBase, nz: int) -> None:
+        self.x = cs.SX.sym("x", model.state.nx)
+        self.u = cs.SX.sym("u", model.control.nx)
+        self.z = cs.SX.sym("z", nz)
+        self.slots: dict[str, cs.SX] = {"dt": cs.SX.sym("dt")}
+        for slot in model.slots:
+            self.slots[f"model.{slot.name}"] = cs.SX.sym(slot.name, slot.size)
+        self._parameters: dict[str, Parameter] = {}
+
+    @property
+    def p(self) -> cs.SX:
+        """The parameter vector so far."""
+        return cs.vertcat(*self.slots.values())
+
+    @property
+    def layout(self) -> Layout:
+        """Where the slots are in it."""
+        return Layout((name, symbol.numel()) for name, symbol in self.slots.items())
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The user's parameters among them."""
+        return tuple(self._parameters.values())
+
+    def of_model(self) -> dict[str, cs.SX]:
+        """Return the slots that the model sees, by its own names."""
+        named = {name.removeprefix("model."): s for name, s in self.slots.items() if name.startswith("model.")}
+        return {**named, "dt": self.slots["dt"]}
+
+    def own(self, name: str, size: int) -> cs.SX:
+        """Return a slot of the parameter vector, a fresh one if there is none of that name."""
+        if name not in self.slots:
+            self.slots[name] = cs.SX.sym(name, size)
+        return self.slots[name]
+
+    def check(self, where: str, expression: cs.SX, absent: cs.SX | None = None) -> None:
+        """Adopt the user's parameters in an expression.
+
+        Args:
+            where: the expression's origin, for messages.
+            expression: anything.
+            absent: symbols that do not exist at this place.
+
+        Raises:
+            ProblemError: it holds a symbol that is not of this node, or one that is absent.
+        """
+        if absent is not None and cs.depends_on(expression, absent):
+            raise ProblemError(
+                f"{where}: depends on control or contact force where there is none - got an expression of them at the "
+                "end of a phase, expected one of the state; change it"
+            )
+        own = {
+            e.element_hash()
+            for part in (self.x, self.u, self.z, *self.slots.values(), *self._parameters.values())
+            for e in cs.symvar(part)
+        }
+        for symbol in cs.symvar(expression):
+            if symbol.element_hash() in own:
+                continue
+            parameter = find_parameter(symbol)
+            if parameter is None:
+                raise ProblemError(
+                    f"{where}: a symbol is not from the node's quantities - got '{symbol.name()}', expected only what "
+                    "the function's argument supplies (or an ocp.parameter); compute it inside the function from its "
+                    "argument"
+                )
+            self._adopt(parameter)
+            own |= {e.element_hash() for e in cs.symvar(parameter)}
+
+    def _adopt(self, parameter: Parameter) -> None:
+        """Give a user's parameter a slot."""
+        name = f"parameter.{parameter.label}"
+        if self._parameters.get(name, parameter) is not parameter:
+            raise ProblemError(
+                f"parameter '{parameter.label}': two parameters share a name - got two objects, expected one; rename "
+                "one"
+            )
+        self._parameters[name] = parameter
+        self.slots[name] = cs.SX(parameter)

@@ -1,0 +1,132 @@
+"""The timeline: a motion's phases, a schedule's segments and the horizon laid on one time axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from piaffe.errors import ProblemError
+
+from ..language import Interval, ModelBase, Motion, Path, Schedule, Segment, model_of
+
+_TINY = 1e-7  # [s] two times closer than this are one
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A part of the horizon with one model and time step, and (if modes cut the model) one motion phase.
+
+    Args:
+        segment: which model and time step.
+        interval: the motion phase at its start.
+        start: [s] since the motion's start.
+        num_stages: N.
+        ends_phase: whether its last node is the end of a motion phase.
+        following: the motion phase after its last node; None at the motion's end.
+    """
+
+    segment: Segment
+    interval: Interval
+    start: float
+    num_stages: int
+    ends_phase: bool
+    following: Interval | None
+
+    @property
+    def model(self) -> ModelBase:
+        """The segment's model."""
+        return model_of(self.segment)
+
+    @property
+    def end(self) -> float:
+        """Time of the last node [s]."""
+        return self.start + self.num_stages * self.segment.dt
+
+    def interval_at(self, t: float, intervals: list[Interval]) -> Interval:
+        """Return the motion phase of a stage that begins at t; the later one on a boundary."""
+        if self.model.cut_by_modes:
+            return self.interval
+        current = self.interval
+        for interval in intervals:
+            if interval.start <= t + _TINY:
+                current = interval
+        return current
+
+
+def whole_steps(length: float, dt: float, where: str) -> int:
+    """Return length / dt if that is a whole number; raise with the two nearest choices otherwise."""
+    steps = round(length / dt)
+    if steps >= 1 and abs(steps * dt - length) < _TINY:
+        return steps
+    below = int(length / dt + 1e-9)
+    choices = f"{max(below, 1) * dt:g} or {(max(below, 1) + (1 if below else 0)) * dt:g}" if below else f"{dt:g}"
+    raise ProblemError(
+        f"{where}: not a whole number of steps - got {length:g} s with dt {dt:g} s, expected {choices} s; choose one, "
+        "or another dt"
+    )
+
+
+def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
+    """Return the stretches of a horizon that begins at t0 [s] (snapped to the first model's dt)."""
+    total = path.duration
+    dt0 = schedule.segments[0].dt
+    t = round(t0 / dt0) * dt0 if np.isfinite(t0) else t0
+    if not 0 <= t < total - _TINY:
+        raise ProblemError(
+            f"horizon: start is outside the motion - got t0 = {t0:g} s, expected 0 ≤ t0 < {total:g} s; choose one "
+            "inside"
+        )
+    stretches: list[Stretch] = []
+    for segment in schedule.segments:
+        where = f"schedule ({segment.source}), model '{model_of(segment).name}'"
+        if segment.duration is None:
+            if total == float("inf"):
+                raise ProblemError(
+                    f"{where}: the motion never ends - got until_end on a cyclic motion, expected a finite one; use "
+                    ".cycles(n) or .over(duration, dt)"
+                )
+            end = total
+        else:
+            end = t + segment.duration
+            if end > total + _TINY:
+                raise ProblemError(
+                    f"{where}: the horizon is longer than the motion - got {end:g} s, expected at most {total:g} s; "
+                    "shorten it or add phases"
+                )
+        intervals = [i for i in path.intervals(end) if i.end > t + _TINY]
+        parts = intervals if model_of(segment).cut_by_modes else [intervals[0]]
+        for interval in parts:
+            stop = min(interval.end, end) if model_of(segment).cut_by_modes else end
+            place = (
+                f"phase '{interval.phase.name}' ({interval.phase.source})" if model_of(segment).cut_by_modes else where
+            )
+            if stop - t <= _TINY:
+                continue
+            steps = whole_steps(stop - t, segment.dt, place)
+            last = path.interval_before(stop)
+            ends = abs(last.end - stop) < _TINY
+            following = path.interval_at(stop) if ends and stop < total - _TINY else None
+            stretches.append(Stretch(segment, interval, t, steps, ends, following))
+            t = stop
+    return stretches
+
+
+def covers(motion: Motion, stretches: list[Stretch]) -> bool:
+    """Return whether a horizon covers a motion, or at least one cycle of an endless one."""
+    length = sum(phase.duration for piece in motion.pieces for phase in piece.phases)
+    return stretches[0].start < _TINY and stretches[-1].end > length - _TINY
+
+
+def check_passed(stretch: Stretch, intervals: list[Interval]) -> None:
+    """Raise if a model that modes do not cut runs past a phase end at which something was declared to happen."""
+    for interval in intervals:
+        phase, inside = interval.phase, stretch.start + _TINY < interval.end < stretch.end - _TINY
+        if inside and (phase.reset is not None or phase.until):
+            what = "reset" if phase.reset is not None else "until"
+            name = stretch.model.name
+            raise ProblemError(
+                f"phase '{phase.name}' ({phase.source}): model '{name}' runs on past its end - got a {what} at "
+                f"{interval.end:g} s, within {name}'s {stretch.start:g} to {stretch.end:g} s, "
+                "expected none there; remove it, or let another model cover the phase's end"
+            )

@@ -1,0 +1,264 @@
+"""What the compiler asks of a model: its spaces, its numbers, its dynamics per mode, its reset and its quantities.
+
+A model's dynamics is ``x⁺ = integrate(x, u, z, p)`` where z solves the implicit part ``r(x, u, z, p) = 0``, affine in
+z; explicit models have an empty z. ``p`` is a mapping from slot names to CasADi symbols: everything numeric is in it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, ProblemError, UnknownNameError
+
+from .manifold import Manifold
+from .quantity import Bound, Quantity
+from .schedule import Schedule, Segment
+
+Array = NDArray[np.float64]
+Sample = Mapping[Quantity, Array]
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A numeric parameter of a model, per node.
+
+    Args:
+        name: name within the model, e.g. ``"contact"``.
+        size: number of entries.
+        default: its value unless ``node_parameters`` or the user's problem says otherwise, (size,).
+    """
+
+    name: str
+    size: int
+    default: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Node:
+    """The instant for which a model is asked its numbers.
+
+    Args:
+        time: time since the motion's start [s].
+        mode: the phase's mode as the model resolved it; on a boundary the later one, unless the node ends the phase.
+        next_mode: at the end of a motion phase the mode that follows, else None.
+        sample: the reference at this time.
+        previous_mode: the mode of the motion phase before, None in the first.
+        steps: stages since the motion phase began.
+    """
+
+    time: float
+    mode: Hashable
+    next_mode: Hashable | None
+    sample: Sample
+    previous_mode: Hashable | None = None
+    steps: int = 0
+
+
+class Quantities:
+    """The quantities that a model can supply, bound on first use.
+
+    Args:
+        where: the model's name, for messages.
+        makers: path → function that returns the bound quantity.
+        absent: path → why the model cannot supply it, for messages.
+    """
+
+    def __init__(
+        self, where: str, makers: Mapping[str, Callable[[], Bound]], absent: Mapping[str, str] | None = None
+    ) -> None:
+        self.where = where
+        self._makers = makers
+        self._absent = absent or {}
+        self._made: dict[str, Bound] = {}
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Every path that can be bound."""
+        return tuple(self._makers)
+
+    def __contains__(self, quantity: Quantity | str) -> bool:
+        return str(quantity) in self._makers
+
+    def bind(self, quantity: Quantity | str) -> Bound:
+        """Return the bound quantity; raise UnknownNameError if the model cannot supply it."""
+        path = str(quantity)
+        if path not in self._makers:
+            raise self.unknown(path)
+        if path not in self._made:
+            self._made[path] = self._makers[path]()
+        return self._made[path]
+
+    def unknown(self, path: str) -> UnknownNameError:
+        """Return the error that says that a path cannot be bound, and why if the model knows."""
+        error = UnknownNameError(f"model '{self.where}'", "quantity", path, self._makers)
+        if path in self._absent:
+            error.hint = f" ({self._absent[path]})"
+        return error
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """One mode of a model as expressions of (x, u, z, p).
+
+    Args:
+        implicit: r(x, u, z, p), (nz, 1), affine in z.
+        next_state: the discrete step given z, (nx, 1); (0, 1) of a model without derivatives.
+        quantities: what terms may speak about.
+        outputs: quantities worth recording in a trajectory beside state and control (contact forces).
+    """
+
+    implicit: cs.SX
+    next_state: cs.SX
+    quantities: Quantities
+    outputs: tuple[Quantity, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reset:
+    """What the model itself does to the state at the end of a phase, as expressions of (x, z, p): an impact."""
+
+    implicit: cs.SX
+    next_state: cs.SX
+
+
+@dataclass(frozen=True)
+class Notice:
+    """A warning about a motion, shown by ``describe`` and ``check``."""
+
+    where: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class ModelBase(ABC):
+    """Base of every model. Models compare by identity: two models are the same if they are one object."""
+
+    name: str
+    state: Manifold
+    control: Manifold
+    slots: tuple[Slot, ...] = field(default=(), kw_only=True)
+    cut_by_modes: bool = field(default=True, kw_only=True)
+
+    # ---- what a model must say
+
+    @abstractmethod
+    def mode_key(self, mode: Hashable) -> str:
+        """Return which of the model's dynamics a phase's mode uses; modes that differ in numbers alone share a key."""
+
+    @abstractmethod
+    def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
+        """Return the dynamics of a mode; ``p`` holds the model's slots and ``"dt"`` [s]."""
+
+    # ---- what it may say
+
+    @property
+    def has_derivatives(self) -> bool:
+        """Whether its dynamics is an expression to be differentiated, rather than a simulator to be called."""
+        return True
+
+    def implicit_size(self, key: str) -> int:
+        """Return nz of a mode."""
+        return 0
+
+    def definite_size(self, key: str) -> int:
+        """Return how many leading unknowns of z form a positive definite block of K, in a mode and in its reset.
+
+        A compiled solver eliminates these first, in any order; the others in the order in which they stand. Without
+        pivoting, so that K must be regular in that order.
+        """
+        return 0
+
+    def resolve(self, mode: Hashable) -> Hashable:
+        """Return a phase's mode in the model's own terms, comparable between phases; raise if it makes no sense."""
+        self.mode_key(mode)
+        return mode
+
+    def node_parameters(self, node: Node) -> dict[str, Array]:
+        """Return the values of slots that depend on the node; the others keep their defaults."""
+        return {}
+
+    def reset_size(self, key: str) -> int:
+        """Return the size of z in the model's own reset."""
+        return 0
+
+    def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
+        """Return the model's own reset at a phase's end; by default the identity."""
+        return Reset(cs.SX(0, 1), x)
+
+    def lands(self, node: Node) -> bool:
+        """Return whether the model's own reset does anything at this phase end."""
+        return False
+
+    def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound | None:
+        """Return rows that vanish at a phase's end because of what follows (a touchdown), or None."""
+        return None
+
+    def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
+        """Translate a keyframe's entries to quantities; a rotation as roll-pitch-yaw, (3,), with its winding."""
+        targets: dict[Quantity, Array] = {}
+        known = {b.quantity.path: b for b in (*self.state.blocks, *self.control.blocks)}
+        for path, value in values.items():
+            if path not in known:
+                raise UnknownNameError(f"keyframe for model '{self.name}'", "target", path, known)
+            block = known[path]
+            array = np.atleast_1d(np.asarray(value, dtype=float))
+            if array.shape != (block.ndx,):
+                named = f" ({', '.join(block.labels)})" if any(block.labels) else ""
+                unit = f" [{block.quantity.unit}]" if block.quantity.unit else ""
+                raise ModelError(
+                    f"keyframe for model '{self.name}', target '{path}': wrong size - got {array.size} entries, "
+                    f"expected {block.ndx}{named}{unit}; give one per component"
+                )
+            targets[block.quantity] = array
+        return targets
+
+    def planar_frame(self, sample: Sample) -> tuple[float, float, float]:
+        """Return (x, y, yaw) of the frame that a motion is carried along with; the origin for models without one."""
+        return (0.0, 0.0, 0.0)
+
+    def notices(self, path: object) -> list[Notice]:
+        """Return warnings about a motion's targets, given the ``ocp.path.Path`` that they follow."""
+        return []
+
+    def recipe(self) -> dict[str, object]:
+        """Return what a file must hold to rebuild what plots and films need of the model, as JSON-able values."""
+        return {}
+
+    @property
+    def own_step(self) -> float | None:
+        """The one time step that the model can make [s]; None for any."""
+        return None
+
+    def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
+        """Return the control to begin with where the path has a sample but names no control; zero by default."""
+        return {}
+
+    # ---- what a user says with it
+
+    def over(self, duration: float, dt: float) -> Schedule:
+        """Return a schedule of this model over a duration [s] with time step dt [s]."""
+        return Schedule((Segment(self, duration, dt),))
+
+    def until_end(self, dt: float) -> Schedule:
+        """Return a schedule of this model until the motion ends, with time step dt [s]."""
+        return Schedule((Segment(self, None, dt),))
+
+
+def model_of(segment: Segment) -> ModelBase:
+    """Return the model of a segment.
+
+    Raises:
+        ProblemError: what the schedule holds is no model.
+    """
+    if not isinstance(segment.model, ModelBase):
+        raise ProblemError(
+            f"schedule ({segment.source}): holds no model - got {type(segment.model).__name__}, expected an "
+            "ocp.ModelBase; write model.over(duration, dt)"
+        )
+    return segment.model

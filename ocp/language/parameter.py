@@ -1,0 +1,52 @@
+"""Parameters: a user's numbers that may change without anything being rebuilt."""
+
+from __future__ import annotations
+
+from typing import Any
+from weakref import WeakValueDictionary
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ProblemError
+
+
+class Parameter(cs.SX):
+    """A named number or column of numbers, used in a user's functions like any CasADi expression."""
+
+    def __init__(self, name: str, value: ArrayLike) -> None:
+        self.value: NDArray[np.float64] = np.atleast_1d(np.asarray(value, dtype=float))
+        if self.value.ndim != 1 or not np.all(np.isfinite(self.value)):
+            raise ProblemError(
+                f"parameter '{name}': value is unusable - got {value!r}, expected finite numbers in one column; mend it"
+            )
+        self.label = name
+        super().__init__(cs.SX.sym(name, self.value.size))
+        for element in cs.symvar(self):
+            _BY_SYMBOL[element.element_hash()] = self
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    def __repr__(self) -> str:
+        return f"parameter({self.label!r}, {self.value.tolist()})"
+
+
+# CasADi hands symbols back as bare expressions; this finds the parameter that a symbol belongs to.
+_BY_SYMBOL: WeakValueDictionary[int, Parameter] = WeakValueDictionary()
+
+
+def parameter(name: str, value: ArrayLike) -> Parameter:
+    """Return a number of the user's that may change between solves without rebuilding anything.
+
+    Args:
+        name: its name, unique within a problem.
+        value: its default, a number or a column of numbers.
+    """
+    return Parameter(name, value)
+
+
+def find_parameter(symbol: Any) -> Parameter | None:
+    """Return the parameter that a CasADi symbol belongs to, or None."""
+    return _BY_SYMBOL.get(symbol.element_hash())

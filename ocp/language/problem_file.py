@@ -1,0 +1,113 @@
+"""Reading what commands work on: a problem from a Python file, a solution from a saved one."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import traceback
+from contextlib import nullcontext, redirect_stdout
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from piaffe.errors import PiaffeError, ProblemError, UnknownNameError
+
+if TYPE_CHECKING:
+    from .problem import Problem
+
+
+def load_problem(spec: str, *, quiet: bool = False) -> Problem:
+    """Return the problem of ``FILE`` or ``FILE:name``: an object of that name, or a function that returns one.
+
+    Args:
+        spec: a Python file, and after a colon the name; ``problem`` without it.
+        quiet: let what the file prints go to standard error, so that standard output stays ours.
+
+    Raises:
+        ProblemError: there is no such file, it does not run, or what it holds under the name is no problem.
+    """
+    with redirect_stdout(sys.stderr) if quiet else nullcontext():
+        return _load(*split(spec))
+
+
+def _load(path: Path, name: str) -> Problem:
+    from .problem import Problem
+
+    module = run(path)
+    if not hasattr(module, name):
+        raise UnknownNameError(f"file '{path}'", "problem", name, candidates(module))
+    found = getattr(module, name)
+    if callable(found):
+        try:
+            found = found()
+        except PiaffeError:
+            raise
+        except Exception as error:
+            raise does_not_run(path, error) from error
+    if not isinstance(found, Problem):
+        raise ProblemError(
+            f"file '{path}', name '{name}': is not a problem - got {type(found).__name__}, expected an ocp.Problem or "
+            "a function that returns one; name another one as FILE:name"
+        )
+    return found
+
+
+def candidates(module: ModuleType) -> list[str]:
+    """Return the names that may be problems: problems first, then what the file itself defines, else all of it."""
+    from .problem import Problem
+
+    names = {key: value for key, value in vars(module).items() if not key.startswith("_")}
+    problems = [key for key, value in names.items() if isinstance(value, Problem)]
+    own = [key for key, value in names.items() if getattr(value, "__module__", "") == module.__name__]
+    return list(dict.fromkeys(problems + own)) or list(names)
+
+
+def split(spec: str) -> tuple[Path, str]:
+    """Return file and name of ``FILE[:name]``."""
+    path, colon, name = spec.rpartition(":")
+    if colon and name.isidentifier():
+        return Path(path), name
+    return Path(spec), "problem"
+
+
+def run(path: Path) -> ModuleType:
+    """Return a Python file as a module; files beside it can be imported, as if it were run."""
+    if not path.is_file():
+        raise ProblemError(
+            f"file '{path}': not there - got no file, expected a Python file with a problem; check the path"
+        )
+    spec = importlib.util.spec_from_file_location(f"_piaffe_file_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise ProblemError(
+            f"file '{path}': not Python - got '{path.suffix}', expected '.py'; pass the file that declares the problem"
+        )
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    try:
+        spec.loader.exec_module(module)
+    except PiaffeError:
+        raise
+    except Exception as error:
+        raise does_not_run(path, error) from error
+    except SystemExit as error:
+        raise ProblemError(
+            f"file '{path}': exits when imported - got sys.exit({error.code!r}), expected a problem; put what should "
+            'only run as a script below if __name__ == "__main__":'
+        ) from error
+    return module
+
+
+def does_not_run(path: Path, error: Exception) -> ProblemError:
+    """Return an error that names the last line of the file that was running."""
+    line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
+    for frame in traceback.extract_tb(error.__traceback__):
+        if Path(frame.filename).resolve() == path.resolve():
+            line = frame.lineno
+    where = f"{path}:{line}" if line else str(path)
+    return ProblemError(
+        f"{where}: the file does not run - got {type(error).__name__}: {error}, expected a declaration; mend it (with "
+        "--traceback before the command you see the whole way)"
+    )

@@ -1,0 +1,369 @@
+"""Terms: what a motion should achieve (costs) and must respect (constraints), as frozen values.
+
+Terms are written in quantities or as functions of a node's quantities; the compiler binds them to each model that can
+supply what they speak about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ProblemError, ShapeError
+
+from .quantity import Quantity, match_labels
+from .source import Source, caller
+from .user_input import numbers_of
+
+At = Literal["running", "phase_end", "end"]
+When = str | tuple[str, ...] | Callable[[str], bool] | None
+Function = Callable[..., Any]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ByPhase:
+    """A weight that differs between phases: ``ocp.by_phase(1.0, flight=0.1)``."""
+
+    default: Any
+    phases: Mapping[str, Any]
+
+
+def by_phase(default: Any, **phases: Any) -> ByPhase:
+    """Return a weight with a default and values for named phases."""
+    return ByPhase(default, phases)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Term:
+    """What costs and constraints share.
+
+    Args:
+        name: how reports call it.
+        at: ``"running"``: at every stage; ``"phase_end"``: at the last node of each phase of the motion;
+            ``"end"``: at the last node of the horizon.
+        when: phases it applies to: a name, names, a predicate of the name, or None for all.
+        mask: function of the node's quantities giving 0 or 1 per row; rows with 0 count for nothing.
+        parameters: numbers handed to the functions as keyword arguments, changeable without rebuilding.
+        unit: unit of the rows.
+        source: where it was declared.
+    """
+
+    name: str
+    at: At = "running"
+    when: When = None
+    mask: Function | None = None
+    parameters: Mapping[str, Array] = field(default_factory=dict)
+    unit: str = ""
+    source: Source = field(default_factory=caller)
+
+    def __post_init__(self) -> None:
+        if self.at not in ("running", "phase_end", "end"):
+            raise ProblemError(
+                f"term '{self.name}' ({self.source}): at= is unknown - got {self.at!r}, expected 'running', "
+                "'phase_end' or 'end'; choose one"
+            )
+
+    @property
+    def where(self) -> str:
+        """Name and place, for messages."""
+        return f"term '{self.name}' ({self.source})"
+
+    def applies(self, phase: str) -> bool:
+        """Return whether the term applies to a phase of this name."""
+        if self.when is None:
+            return True
+        if callable(self.when):
+            return bool(self.when(phase))
+        return phase in ((self.when,) if isinstance(self.when, str) else self.when)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cost(Term):
+    """A weighted least-squares residual, ½ Σ wᵢ rᵢ², a rate if running.
+
+    Args:
+        quantity: tracked quantity, or None if ``function`` is given.
+        function: residual rows of a node's quantities.
+        weight: scalar, one per row, a mapping of component names, or :class:`ByPhase` of these.
+        target: fixed target; None to follow the motion's path.
+    """
+
+    quantity: Quantity | None = None
+    function: Function | None = None
+    weight: Any = 1.0
+    target: Array | None = None
+
+    def structure(self) -> Hashable:
+        """Return what the generated functions depend on; terms of equal structure share code."""
+        sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
+        to_zero = self.target is not None and self.target.size == 0
+        return ("cost", self.quantity, self.function, self.at, self.mask, to_zero, self.unit, sizes)
+
+    def weights(self, phase: str, labels: tuple[str, ...]) -> Array:
+        """Return one weight per row for a phase, zero where the term does not apply."""
+        if not self.applies(phase):
+            return np.zeros(len(labels))
+        weight = self.weight
+        if isinstance(weight, ByPhase):
+            weight = weight.phases.get(phase, weight.default)
+        if isinstance(weight, Mapping):
+            values = np.zeros(len(labels))
+            for key, value in weight.items():
+                named, given = (
+                    match_labels(labels, key, self.where),
+                    numbers_of(value, self.where, f"weight of '{key}'"),
+                )
+                if given.size not in (1, len(named)):
+                    raise ShapeError(
+                        f"{self.where}: weight of '{key}' has the wrong size - got {given.size} entries, expected 1 or "
+                        f"{len(named)} ({', '.join(labels[i] for i in named)}); give one per component or a scalar"
+                    )
+                values[named] = given
+        else:
+            values = numbers_of(weight, self.where, "weight")
+            if values.size not in (1, len(labels)):
+                raise ShapeError(
+                    f"{self.where}: weight has the wrong size - got {values.size} entries, expected 1 or {len(labels)} "
+                    f"({', '.join(labels)}) [{self.unit or '-'}]; give one per component, a scalar, or a mapping by "
+                    "name"
+                )
+            values = np.broadcast_to(values, (len(labels),)).astype(float)
+        if not np.all(np.isfinite(values)) or np.any(values < 0):
+            raise ProblemError(
+                f"{self.where}: weight is unusable - got {values.tolist()}, expected finite numbers ≥ 0; mend it"
+            )
+        return values
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Constraint(Term):
+    """Rows that must lie between bounds (inequality) or vanish (equality).
+
+    Args:
+        kind: ``"inequality"`` or ``"equality"``.
+        function: rows of a node's quantities.
+        lower: lower bounds, numbers or a function of the model; None for none.
+        upper: upper bounds likewise.
+        scale: what a violation is divided by in reports, in the row's unit.
+        labels: names of the rows, or a function of the model that returns them.
+    """
+
+    kind: Literal["inequality", "equality"]
+    function: Function
+    lower: Any = None
+    upper: Any = None
+    scale: float = 1.0
+    labels: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (isinstance(self.scale, int | float) and 0 < self.scale < float("inf")):
+            raise ProblemError(
+                f"{self.where}: scale is out of range - got {self.scale!r}, expected a positive number "
+                f"[{self.unit or '-'}]; give one"
+            )
+
+    @property
+    def where(self) -> str:
+        """Name and place, for messages."""
+        return f"constraint '{self.name}' ({self.source})"
+
+    def structure(self) -> Hashable:
+        """Return what the generated functions depend on; terms of equal structure share code."""
+        sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
+        sides = (self.lower is not None, self.upper is not None)
+        labels = self.labels if callable(self.labels) or self.labels is None else tuple(self.labels)
+        return ("constraint", self.kind, self.function, self.at, self.mask, sides, self.scale, self.unit, labels, sizes)
+
+    def bound(self, side: Literal["lower", "upper"], model: Any, size: int) -> Array:
+        """Return the bounds of one side for a model, (size,)."""
+        given = self.lower if side == "lower" else self.upper
+        try:
+            values = numbers_of(given(model) if callable(given) else given, self.where, f"{side} bound")
+        except AttributeError as error:
+            raise ProblemError(
+                f"{self.where}: model '{model.name}' has no such limits - got {error}, "
+                f"expected a model of a robot; give {side}= as numbers, or exclude it with .without(...)"
+            ) from error
+        if values.size not in (1, size) or np.any(np.isnan(values)):
+            raise ShapeError(
+                f"{self.where}: {side} bound is unusable - got {values.tolist()}, expected "
+                f"1 or {size} numbers [{self.unit or '-'}]; give one per row or a scalar"
+            )
+        return np.broadcast_to(values, (size,)).astype(float)
+
+
+def _numbers(parameters: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
+    return {
+        key: numbers_of(value, f"term ({caller()})", f"parameter '{key}'") for key, value in (parameters or {}).items()
+    }
+
+
+def _as_quantity(quantity: Quantity | str) -> Quantity:
+    if isinstance(quantity, str):
+        return Quantity(quantity)
+    if not isinstance(quantity, Quantity):
+        raise ProblemError(
+            f"term ({caller()}): not a quantity - got {quantity!r}, expected one like base.position, or a state's or "
+            "control's name; for a function of your own use ocp.residual"
+        )
+    return quantity
+
+
+def track(
+    quantity: Quantity | str,
+    weight: Any = 1.0,
+    *,
+    at: At = "running",
+    when: When = None,
+    to: ArrayLike | None = None,
+    mask: Function | None = None,
+    name: str | None = None,
+) -> Cost:
+    """Return a cost ½ Σ wᵢ (q − q_ref)ᵢ² on a quantity's distance from the motion's path, or from ``to``.
+
+    A rotation's residual is the body-axis rotation vector from target to value.
+    """
+    q = _as_quantity(quantity)
+    suffix = "" if at == "running" else f" at {at}"
+    target = None if to is None else numbers_of(to, f"term '{name or f'track {q}{suffix}'}' ({caller()})", "target")
+    return Cost(
+        name=name or f"track {q}{suffix}",
+        quantity=q,
+        weight=weight,
+        at=at,
+        when=when,
+        target=target,
+        mask=mask,
+        unit=q.unit,
+    )
+
+
+def regularize(
+    quantity: Quantity | str, weight: Any = 1.0, *, at: At = "running", when: When = None, name: str | None = None
+) -> Cost:
+    """Return a cost ½ Σ wᵢ qᵢ² that keeps a quantity small."""
+    q = _as_quantity(quantity)
+    suffix = "" if at == "running" else f" at {at}"
+    return Cost(
+        name=name or f"regularize {q}{suffix}",
+        quantity=q,
+        weight=weight,
+        at=at,
+        when=when,
+        target=np.zeros(0),
+        unit=q.unit,
+    )
+
+
+@dataclass(frozen=True)
+class Residual:
+    """A user's residual, to be weighted: ``hip_symmetry.weighted(0.1)``."""
+
+    function: Function
+    unit: str
+    parameters: Mapping[str, Array]
+    source: Source
+    mask: Function | None = None
+
+    def weighted(self, weight: Any, *, at: At = "running", when: When = None, name: str | None = None) -> Cost:
+        """Return the cost ½ Σ wᵢ rᵢ²."""
+        return Cost(
+            name=name or _name(self.function, "residual"),
+            function=self.function,
+            weight=weight,
+            at=at,
+            when=when,
+            mask=self.mask,
+            unit=self.unit,
+            parameters=self.parameters,
+            source=self.source,
+        )
+
+
+@overload
+def residual(function: Function) -> Residual: ...
+@overload
+def residual(
+    *, unit: str = "", parameters: Mapping[str, ArrayLike] | None = None, mask: Function | None = None
+) -> Callable[[Function], Residual]: ...
+def residual(
+    function: Function | None = None,
+    *,
+    unit: str = "",
+    parameters: Mapping[str, ArrayLike] | None = None,
+    mask: Function | None = None,
+) -> Residual | Callable[[Function], Residual]:
+    """Turn a function of a node's quantities into a residual; plain decorator or with arguments."""
+    source = caller()
+
+    def wrap(f: Function) -> Residual:
+        return Residual(f, unit, _numbers(parameters), source, mask)
+
+    return wrap if function is None else wrap(function)
+
+
+def _name(function: Function, otherwise: str) -> str:
+    name = str(getattr(function, "__name__", otherwise))
+    return otherwise if name == "<lambda>" else name
+
+
+def _constraint(
+    kind: Literal["inequality", "equality"], function: Function | None, name: str | None, **fields: Any
+) -> Any:
+    source = caller()
+
+    def wrap(f: Function) -> Constraint:
+        return Constraint(kind=kind, function=f, name=name or _name(f, kind), source=source, **fields)
+
+    return wrap if function is None else wrap(function)
+
+
+def inequality(
+    function: Function | None = None,
+    *,
+    lower: Any = None,
+    upper: Any = None,
+    unit: str = "",
+    scale: float = 1.0,
+    name: str | None = None,
+    at: At = "running",
+    when: When = None,
+    mask: Function | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    labels: Any = None,
+) -> Any:
+    """Return the constraint lower ≤ f(s) ≤ upper; plain call, decorator, or decorator with arguments.
+
+    With neither bound given, f(s) ≥ 0. Rows that depend on the state alone hold at every node, others at every stage.
+    """
+    if lower is None and upper is None:
+        lower = 0.0
+    return _constraint(
+        "inequality", function, name, lower=lower, upper=upper, unit=unit, scale=scale, at=at, when=when, mask=mask,
+        parameters=_numbers(parameters), labels=labels,
+    )  # fmt: skip
+
+
+def equality(
+    function: Function | None = None,
+    *,
+    at: At = "running",
+    unit: str = "",
+    scale: float = 1.0,
+    name: str | None = None,
+    when: When = None,
+    mask: Function | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    labels: Any = None,
+) -> Any:
+    """Return the constraint f(s) = 0; plain call, decorator, or decorator with arguments."""
+    return _constraint(
+        "equality", function, name, unit=unit, scale=scale, at=at, when=when, mask=mask,
+        parameters=_numbers(parameters), labels=labels,
+    )  # fmt: skip

@@ -1,0 +1,147 @@
+"""The dimensional report: what each term counts in, what its weights mean, and how large it is at the initial guess."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import CompiledPhase, CompiledProblem, Guess, Row
+from ..language import Constraint, Cost
+
+Array = NDArray[np.float64]
+
+_SIMPLE = ("m", "s", "rad", "N", "kg", "J", "W")  # units that need no brackets
+
+
+@dataclass(frozen=True)
+class CostReport:
+    """A cost in numbers, at the initial guess.
+
+    Args:
+        name: the term's name.
+        at: where it applies.
+        unit: unit of its residual.
+        weight_unit: what its weights must be in for a cost without unit; running costs are rates.
+        rows: number of rows.
+        weights: smallest and largest weight of rows that count.
+        largest: largest |residual| of rows that count.
+        cost: what it costs over the horizon.
+    """
+
+    name: str
+    at: str
+    unit: str
+    weight_unit: str
+    rows: int
+    weights: tuple[float, float]
+    largest: float
+    cost: float
+
+
+@dataclass(frozen=True)
+class ConstraintReport:
+    """A constraint in numbers, at the initial guess.
+
+    Args:
+        name: the term's name.
+        kind: ``"inequality"`` or ``"equality"``.
+        unit: unit of its rows.
+        scale: what a violation is divided by in reports.
+        rows: number of rows.
+        counted: rows times nodes at which it is asked for.
+        missed: how many of those the guess violates.
+        worst: the largest raw violation [unit].
+    """
+
+    name: str
+    kind: str
+    unit: str
+    scale: float
+    rows: int
+    counted: int
+    missed: int
+    worst: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Values of one group of rows over nodes: kind, rows (names), values, weights or masks, and the factor of cost."""
+
+    kind: str
+    rows: tuple[Row, ...]
+    values: Array
+    factor: Array
+    dt: float
+
+
+def report(compiled: CompiledProblem) -> tuple[list[CostReport], list[ConstraintReport]]:
+    """Return every term in numbers at the initial guess, costs and constraints; rows that models derive come last."""
+    tables = [table for phase in compiled.phases for table in _tables(phase)]
+    costs, constraints = [], []
+    for index in [*range(len(compiled.terms)), -1]:
+        parts = [(t, [i for i, row in enumerate(t.rows) if row.term == index]) for t in tables]
+        parts = [(t, columns) for t, columns in parts if columns]
+        if not parts:
+            continue
+        term = compiled.terms[index] if index >= 0 else None
+        if isinstance(term, Cost):
+            costs.append(_cost(term, parts))
+        else:
+            constraints.append(_constraint(compiled, term, parts))
+    return costs, constraints
+
+
+def _tables(phase: CompiledPhase) -> Iterator[_Table]:
+    guess, rows = Guess(phase), phase.mode.rows
+    stage, end = guess.stage, guess.terminal
+    yield _Table("cost", rows["stage_residual"], stage["residual"], phase.weight, phase.dt)
+    yield _Table("inequality", rows["stage_g"], stage["g"], phase.g_mask, phase.dt)
+    yield _Table("equality", rows["stage_h"], stage["h"], phase.h_mask, phase.dt)
+    yield _Table("cost", rows["terminal_residual"], end["residual"], phase.end_weight[None], 1.0)
+    yield _Table("inequality", rows["terminal_g"], end["g"], phase.end_g_mask[None], 1.0)
+    yield _Table("equality", rows["terminal_h"], end["h"], phase.end_h_mask[None], 1.0)
+
+
+def _cost(term: Cost, parts: list[tuple[_Table, list[int]]]) -> CostReport:
+    total, largest, weights = 0.0, 0.0, [np.zeros(0)]
+    for table, columns in parts:
+        r, w = table.values[:, columns], table.factor[:, columns]
+        total += 0.5 * table.dt * float(np.sum(w * r**2))
+        largest = max(largest, float(np.max(np.abs(r) * (w > 0), initial=0.0)))
+        weights.append(w[w > 0])
+    counted = np.concatenate(weights)
+    unit = parts[0][0].rows[parts[0][1][0]].unit
+    span = (float(counted.min()), float(counted.max())) if counted.size else (0.0, 0.0)
+    rows = max(len(columns) for _, columns in parts)
+    return CostReport(term.name, term.at, unit, weight_unit(unit, term.at), rows, span, largest, total)
+
+
+def _constraint(
+    compiled: CompiledProblem, term: Constraint | None, parts: list[tuple[_Table, list[int]]]
+) -> ConstraintReport:
+    counted = missed = 0
+    worst = 0.0
+    for table, columns in parts:
+        value, mask = table.values[:, columns], table.factor[:, columns] > 0
+        amount = np.where(mask, -value if table.kind == "inequality" else np.abs(value), 0.0)
+        counted += int(mask.sum())
+        missed += int(np.sum(amount > 1e-9))
+        scales = np.array([table.rows[i].scale for i in columns])
+        worst = max(worst, float(np.max(amount * scales, initial=0.0)))
+    table, columns = parts[0]
+    row = table.rows[columns[0]]
+    rows = max(len(columns) for _, columns in parts)
+    name = term.name if term is not None else compiled.term_name(row)
+    return ConstraintReport(name, table.kind, row.unit, row.scale, rows, counted, missed, worst)
+
+
+def weight_unit(unit: str, at: str) -> str:
+    """Return the unit of a weight whose cost has none: ``"1/(m^2 s)"`` for a running residual in metres."""
+    squared = f"{unit}^2" if unit in _SIMPLE else f"({unit})^2" if unit else ""
+    parts = [part for part in (squared, "s" if at == "running" else "") if part]
+    if not parts:
+        return "1"
+    return f"1/({' '.join(parts)})" if len(parts) > 1 else f"1/{parts[0]}"

@@ -1,0 +1,105 @@
+"""Warnings about a compiled problem that do not stop a solve: models' own, broken starts, near half turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..compiler import CompiledPhase, CompiledProblem, Guess, Row
+from ..language import Notice
+
+Array = NDArray[np.float64]
+
+NEAR_HALF_TURN = 0.3
+"""How close to π the length of an orientation residual is reported [rad]: its direction is about to flip there."""
+
+
+TOLERANCE = 1e-3
+"""By how much the initial state may break a constraint, over the row's scale, before it is reported."""
+
+
+def notices(compiled: CompiledProblem) -> list[Notice]:
+    """Return the warnings that ``describe`` and ``check`` show: the models' own, and those of the initial guess."""
+    models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
+    found = [notice for model in models for notice in model.notices(compiled.path)] + broken_at_start(compiled)
+    guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
+    if guesses:
+        stages = {phase: guess.stage["residual"] for phase, guess in guesses.items()}
+        ends = {phase: guess.terminal["residual"] for phase, guess in guesses.items()}
+        blank = np.zeros((0, 0))
+        found += half_turns(
+            compiled, [stages.get(p, blank) for p in compiled.phases], [ends.get(p, blank) for p in compiled.phases]
+        )
+    return list(dict.fromkeys(found))
+
+
+def broken_at_start(compiled: CompiledProblem) -> list[Notice]:
+    """Return a warning per constraint on the state that the initial state breaks: no control can mend it there.
+
+    Args:
+        compiled: the problem.
+    """
+    phase, found = compiled.phases[0], []
+    stage, x, p = phase.mode.functions["stage"], compiled.initial, phase.p[0]
+    *_, g, h = (value.full().ravel() for value in stage(x, np.zeros(phase.mode.nu), np.zeros(phase.mode.nz), p))
+    for kind, missed in (("g", -g * phase.g_mask[0]), ("h", np.abs(h) * phase.h_mask[0])):
+        of_state = {row.term for row in phase.mode.rows[f"terminal_{kind}"]}
+        worst: dict[int, int] = {}
+        for i, row in enumerate(phase.mode.rows[f"stage_{kind}"]):
+            if row.term in of_state and missed[i] > max(TOLERANCE, missed[worst[row.term]] if row.term in worst else 0):
+                worst[row.term] = i
+        for term, i in worst.items():
+            row, declared = phase.mode.rows[f"stage_{kind}"][i], compiled.terms[term]
+            found.append(
+                Notice(
+                    f"term '{compiled.row_name(row)}' ({declared.source}), phase '{phase.name}', node 0",
+                    f"the initial state breaks it - got it missed by {missed[i] * row.scale:.3g} {row.unit}".rstrip()
+                    + ", expected a start that meets it; no control can mend that: move the start or the bound, or "
+                    "restrict it with when=",
+                )
+            )
+    return found
+
+
+def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequence[Array]) -> list[Notice]:
+    """Return a warning per term and phase whose orientation residual comes within ``NEAR_HALF_TURN`` of π.
+
+    Args:
+        compiled: the problem.
+        stages: residual rows of every phase's stages, (N, nr) each, as the function ``stage`` gives them.
+        ends: residual rows of every phase's last node, (nr_end,) each.
+    """
+    found = []
+    for phase, stage, end in zip(compiled.phases, stages, ends, strict=True):
+        for group, rows, weights, first in (
+            ("stage_residual", stage, phase.weight, 0),
+            ("terminal_residual", np.atleast_2d(end), phase.end_weight[None], phase.num_stages),
+        ):
+            for term, columns in _turning(phase, group).items():
+                counted = np.any(weights[:, columns] > 0, axis=1)
+                angles = np.where(counted, np.linalg.norm(rows[:, columns], axis=1), 0.0)
+                node = int(np.argmax(angles))
+                if angles[node] > np.pi - NEAR_HALF_TURN:
+                    declared = compiled.terms[term]
+                    found.append(
+                        Notice(
+                            f"term '{declared.name}' ({declared.source}), phase '{phase.name}', node {first + node}",
+                            f"the residual is near half a turn - got {angles[node]:.2f} rad, expected less than "
+                            f"{np.pi - NEAR_HALF_TURN:.2f} rad; beyond π it pulls the other way round: add a keyframe "
+                            "on the way, or lengthen the phase",
+                        )
+                    )
+    return found
+
+
+def _turning(phase: CompiledPhase, group: str | None = None) -> dict[int, list[int]]:
+    """Return the columns of each term's rotation in a group of residuals, or in any."""
+    found: dict[int, list[int]] = {}
+    for name in ("stage_residual", "terminal_residual") if group is None else (group,):
+        rows: tuple[Row, ...] = phase.mode.rows[name]
+        for column, row in enumerate(rows):
+            if row.rotates:
+                found.setdefault(row.term, []).append(column)
+    return found

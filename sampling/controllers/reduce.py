@@ -1,0 +1,108 @@
+"""Reductions of violations (nc, n, S): the largest of each row, and the discount of each sample and step.
+
+In C where a compiler works, else in NumPy; both read the rows as an evaluator lays them out, steps outermost.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.codegen import c_library, pointer
+from piaffe.errors import ShapeError
+
+Array = NDArray[np.float64]
+
+_DOUBLE = 8  # bytes
+_TINY = 1e-300  # what a maximum of zero is taken for: any violation is full there, and none is none
+
+
+def maxima(violation: Array) -> Array:
+    """Return the largest violation of each row, (nc,).
+
+    Args:
+        violation: of an evaluator, (nc, n, S), at least 0; NaN counts as none.
+
+    Raises:
+        ShapeError: it does not have three axes.
+    """
+    c = _laid_out(violation)
+    largest = np.zeros(len(c))
+    if not c.size:
+        return largest
+    library = _library()
+    if library is None:
+        return np.asarray(np.fmax.reduce(c, axis=(1, 2), initial=0.0))
+    library.piaffe_maxima(*_where(c), pointer(largest))
+    return largest
+
+
+def discount(violation: Array, c_max: ArrayLike, p_max: ArrayLike, out: Array | None = None) -> Array:
+    """Return δ = max_i p_i clip(c_i / c_i^max, 0, 1) of each sample and step, (n, S).
+
+    Where c_i^max is zero, any violation counts in full.
+
+    Args:
+        violation: c of an evaluator, (nc, n, S).
+        c_max: c^max of each row, (nc,).
+        p_max: p of each row (nc,), of each row and step (nc, S), or one for all.
+        out: memory for the result, (S, n); fresh by default.
+
+    Raises:
+        ShapeError: an array does not fit.
+    """
+    c = _laid_out(violation)
+    rows, steps, n = c.shape
+    largest, share = np.asarray(c_max, dtype=float), np.asarray(p_max, dtype=float)
+    _check("c_max", largest.shape, ((rows,),))
+    _check("p_max", share.shape, ((), (rows,), (rows, steps)))
+    share = np.ascontiguousarray(np.broadcast_to(share[:, None] if share.ndim == 1 else share, (rows, steps)))
+    slope = share / np.maximum(largest, _TINY)[:, None]
+    delta = np.empty((steps, n)) if out is None else out
+    _check("out", delta.shape, ((steps, n),))
+    library = _library()
+    if library is None:
+        delta[:] = 0.0
+        for row, by, top in zip(c, slope, share, strict=True):
+            np.fmax(delta, np.fmin(row * by[:, None], top[:, None]), out=delta)
+    elif c.size:
+        library.piaffe_discount(*_where(c), pointer(slope), pointer(share), pointer(delta))
+    else:
+        delta[:] = 0.0
+    return delta.T
+
+
+def _laid_out(violation: Array) -> Array:
+    """Return violations as (nc, S, n) with samples next to each other; a copy if they are not."""
+    if violation.ndim != 3:
+        raise ShapeError(
+            f"violation does not fit - got {violation.shape}, expected (nc, n, S); pass what an evaluator returns"
+        )
+    c = violation.transpose(0, 2, 1)
+    if c.strides[-1] != _DOUBLE or c.dtype != np.float64:
+        c = np.ascontiguousarray(c, dtype=float)
+    return c
+
+
+def _check(name: str, got: tuple[int, ...], expected: tuple[tuple[int, ...], ...]) -> None:
+    if got not in expected:
+        shapes = " or ".join(map(str, expected))
+        raise ShapeError(f"discount: {name} does not fit - got {got}, expected {shapes}; give one entry per row")
+
+
+def _where(c: Array) -> tuple[Any, ...]:
+    rows, steps, n = c.shape
+    numbers = (rows, c.strides[0] // _DOUBLE, steps, c.strides[1] // _DOUBLE, n)
+    return (pointer(c), *map(ct.c_long, numbers))
+
+
+@lru_cache(maxsize=1)
+def _library() -> ct.CDLL | None:
+    loaded = c_library("piaffe.sampling.evaluators", "reduce", "reductions of violations")
+    if loaded is not None:
+        loaded.piaffe_maxima.restype = loaded.piaffe_discount.restype = None
+    return loaded

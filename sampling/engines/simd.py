@@ -1,0 +1,199 @@
+"""Rollouts on the CPU in lanes: MuJoCo's step of a legged robot as generated C, several samples per instruction."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from concurrent.futures import ThreadPoolExecutor
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.codegen import (
+    SOLVER_FLAGS,
+    NoCompilerError,
+    Origin,
+    Texts,
+    available_cores,
+    build,
+    generate,
+    load,
+    pointer,
+    side_by_side,
+)
+from piaffe.codegen import simd as ocp_lanes
+from piaffe.errors import SamplingError
+from piaffe.models import import_mujoco, recursions, tree
+from piaffe.ocp import rotation
+
+from . import simd_text as lanes_text
+from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
+from .native import NativeEngine, own_copy
+from .simd_reader import scene_of
+from .simd_scene import Scene
+from .simd_text import SceneText
+
+_ALIGNMENT = 64  # bytes: of the widest vectors
+# Of states after a few steps. Rounding makes 1e-12, another order of the solver 1e-2. Where the solver goes on until
+# little improves, rounding may decide about the last sweep, 1e-5 in one of a thousand: then of nine in ten samples.
+_AGREEMENT = 1e-7
+_FEW = 4  # iterations
+_TRIALS, _TRIAL_STEPS = 32, 3
+_MAKERS = (lanes_text, recursions, tree, rotation, ocp_lanes)  # whose code makes the smooth dynamics' C
+
+
+class DifferentError(SamplingError):
+    """The engine in lanes does not simulate what the installed MuJoCo does."""
+
+
+class LanesEngine(Engine):
+    """Simulates as many samples at once as a processor's vectors hold, on threads.
+
+    The step is MuJoCo's for what legged robots need: a floating base with hinges and position or torque actuators,
+    balls that touch planes and boxes, limits of joints, the PGS solver with elliptic cones, Euler's step. States agree
+    with MuJoCo's to rounding, which a new engine looks at before it is used: MuJoCo's solver changes with its versions.
+    Anything else is refused. The C is made from the compiled model's numbers, once, and kept in the cache.
+
+    Args:
+        model: what to simulate. A sample's control is held over the model's substeps.
+        threads: number of threads, default one per available core.
+        warm_start: whether the contact solver starts from the last step's solution, as the model has it unless given.
+        width: lanes, 1, 2, 4 or 8; as this processor likes it by default.
+
+    Raises:
+        SamplingError: the model has something that is not simulated, or there is no C compiler.
+        DifferentError: states differ from those of the installed MuJoCo.
+    """
+
+    name = "lanes"
+
+    def __init__(
+        self,
+        model: Simulated,
+        *,
+        threads: int | None = None,
+        warm_start: bool | None = None,
+        width: int | None = None,
+    ) -> None:
+        compiled = own_copy(import_mujoco(), model.compiled(), warm_start=warm_start)
+        super().__init__(compiled.nq, compiled.nv, compiled.nu)
+        self.substeps = model.substeps
+        self.threads = max(1, available_cores() if threads is None else threads)
+        scene = scene_of(compiled)
+        try:
+            loaded, self._width = _library(SceneText(scene), width)
+        except NoCompilerError as error:
+            raise SamplingError(
+                f'lanes engine: {error}; install one, pip install "piaffe[compiler]", or choose engine="native"'
+            ) from error
+        self._run, size = loaded.piaffe_simulate, loaded.piaffe_simulate_memory()
+        self._memory = [np.zeros(size + _ALIGNMENT, dtype=np.uint8) for _ in range(self.threads)]
+        self._pool = ThreadPoolExecutor(max(1, self.threads - 1))
+        self._states: dict[tuple[int, int], Array] = {}
+        self._compare(model, scene, warm_start)
+
+    def _simulate(self, x0: Array, controls: Array) -> Rollouts:
+        controls = np.ascontiguousarray(controls)
+        n, steps = controls.shape[:2]
+        lead = shared_steps(controls) if x0.ndim == 1 else 0
+        if (n, steps) not in self._states:
+            self._states[n, steps] = np.empty((n, steps + 1, self.nq + self.nv))
+        states = self._states[n, steps]
+        states[:, 0] = x0
+
+        def run(thread: int) -> None:
+            own = self._memory[thread]
+            aligned = own.ctypes.data + (-own.ctypes.data % _ALIGNMENT)
+            self._run(
+                pointer(controls), *map(ct.c_long, (steps, self.substeps, lead, *self._part(n, thread))),
+                pointer(states), ct.c_void_p(aligned),
+            )  # fmt: skip
+
+        busy = [thread for thread in range(self.threads) if self._part(n, thread)[0] < self._part(n, thread)[1]]
+        side_by_side(run, busy, self._pool)
+        return Rollouts(states, self._mend(states, controls))
+
+    def _release(self) -> None:
+        self._pool.shutdown()
+        self._states.clear()
+
+    def _compare(self, model: Simulated, scene: Scene, warm_start: bool | None) -> None:
+        """Raise DifferentError if MuJoCo goes elsewhere from random states about the grounds."""
+        with NativeEngine(model, threads=0, warm_start=warm_start) as native:
+            states, controls = _about_the_grounds(model.compiled(), scene)
+            want = native.rollout(states, controls)
+            got = self.rollout(states, controls)
+            both = ~(want.failed | got.failed)
+            off = np.abs(got.states - want.states) / np.maximum(1.0, np.abs(want.states))
+            apart = off[both].max(axis=(1, 2))
+        few = scene.iterations <= _FEW
+        worst = float(np.max(apart, initial=0.0) if few or not len(apart) else np.quantile(apart, 0.9))
+        if not (worst < _AGREEMENT and np.array_equal(want.failed, got.failed) and np.any(both)):
+            self.close()
+            raise DifferentError(
+                f"lanes engine: states differ from those of MuJoCo {import_mujoco().__version__} - got {worst:.1e} of "
+                f"their size with {int(np.sum(both))} of {_TRIALS} trials finite, expected less than {_AGREEMENT:g}; "
+                'choose engine="native", and tell us'
+            )
+
+    def _part(self, n: int, thread: int) -> tuple[int, int]:
+        """Return first and last sample of a thread's share: whole blocks of lanes but for the last."""
+        blocks = -(-n // self._width)
+        first, last = (self._width * round(blocks * k / self.threads) for k in (thread, thread + 1))
+        return min(first, n), min(last, n)
+
+    def _mend(self, states: Array, controls: Array) -> NDArray[np.bool_]:
+        """Let failed samples stand still, and return which failed."""
+        suspects = may_be_bad(states, self.nq) | ~np.isfinite(np.einsum("nsi->n", controls))
+        failed = np.zeros(len(controls), dtype=bool)
+        if samples := np.flatnonzero(suspects).tolist():
+            stopped = np.logical_not(np.isfinite(controls[samples]).all(axis=2))
+            failed[samples] = hold_last_good(states, self.nq, samples, stopped)
+        return failed
+
+
+def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
+    """Return the library of a scene, and how many lanes it has."""
+    template = files(__package__).joinpath("template", "simulate.c").read_text(encoding="utf-8")
+
+    def texts() -> Texts:
+        made = generate({"smooth": text.smooth})
+        units = [*((unit.name, unit.text) for unit in made.units), ("simulate", template)]
+        return Texts(units, {**made.headers, "scene.h": text.header}, {"simulate": SOLVER_FLAGS})
+
+    # Texts that are short, and what the long one follows from. Were a module forgotten here, a library that its change
+    # has outdated would be noticed when it is compared with MuJoCo.
+    makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
+    parts = [template, text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.LANES_H, *makers]
+    built = build(Origin(parts, texts), width=width, label="rollouts in lanes")
+    loaded = load(built)
+    loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long
+    return loaded, built.width
+
+
+def _about_the_grounds(model: Any, scene: Scene) -> tuple[Array, Array]:
+    """Return random states, (n, nx), in each of which a random ball is up to 2 cm in a random ground, and controls."""
+    mujoco, random = import_mujoco(), np.random.default_rng(0)
+    data = mujoco.MjData(model)
+    states = np.zeros((_TRIALS, model.nq + model.nv))
+    low, high = np.where(model.jnt_limited[1:, None], model.jnt_range[1:], [-1.0, 1.0]).T
+    for state in states:
+        mujoco.mj_resetData(model, data)
+        data.qpos[7:] = np.clip(0.7 * random.standard_normal(model.njnt - 1), low - 1e-3, high + 1e-3)
+        data.qpos[3:7] = np.r_[1.0, 0.1 * random.standard_normal(3)]
+        data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+        mujoco.mj_kinematics(model, data)
+        if scene.contacts:
+            contact = scene.contacts[random.integers(len(scene.contacts))]
+            ground, ball = scene.grounds[contact.ground], scene.balls[contact.ball]
+            centre = data.xpos[ball.link + 1] + data.xmat[ball.link + 1].reshape(3, 3) @ ball.offset
+            half = np.array([0.5, 0.5, 0.0]) if ground.half is None else ground.half
+            deep = scene.radii[contact.ball] - 0.02 * random.uniform()
+            spot = half * np.r_[random.uniform(-1, 1, 2), 1.0] + [0.0, 0.0, deep]  # on its upper side
+            data.qpos[:3] += ground.place + ground.axes @ spot - centre
+        state[: model.nq], state[model.nq :] = data.qpos, random.standard_normal(model.nv)
+    targets = states[:, None, 7 : model.nq] + 0.3 * random.standard_normal((_TRIALS, _TRIAL_STEPS, model.nu))
+    return states, targets

@@ -1,0 +1,145 @@
+"""What a file declares for sampling: a problem and its settings, a reward, a value, options of controllers."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import nullcontext, redirect_stdout
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from piaffe.errors import PiaffeError, ProblemError, UnknownNameError
+from piaffe.ocp import Problem, candidates, does_not_run, run, split
+
+from ..options import Options
+from ..reward import Reward
+
+NAMES = ("sampled_problem", "problem")
+"""What is sampled unless it is named: the first of these that a file has."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """What a file declares for sampling.
+
+    Args:
+        path: the file.
+        name: of the problem in it.
+        make: returns the problem; its arguments are the file's own settings.
+        settings: these, with their defaults.
+        reward: the file's ``reward``, else one of scale 1.
+        value: the file's ``value``: a path, relative to the file, or what it holds.
+        options: the file's ``options``: of all controllers, or by controller's name.
+    """
+
+    path: Path
+    name: str
+    make: Callable[..., Any]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    reward: Reward = field(default_factory=Reward)
+    value: Any = None
+    options: Options | Mapping[str, Any] = field(default_factory=dict)
+
+    def problem(self, settings: Mapping[str, Any] | None = None, horizon: int | None = None) -> Problem:
+        """Return the problem.
+
+        Args:
+            settings: arguments of the file's function.
+            horizon: H in steps; the declared one by default.
+
+        Raises:
+            ProblemError: the file's function fails, or what it returns cannot be sampled.
+        """
+        given = dict(settings or {})
+        if horizon is not None and "horizon" in self.settings:
+            given["horizon"] = horizon
+        try:
+            problem = self.make(**given)
+        except PiaffeError:
+            raise
+        except Exception as error:
+            raise does_not_run(self.path, error) from error
+        if not isinstance(problem, Problem):
+            raise ProblemError(
+                f"file '{self.path}', name '{self.name}': is not a problem - got {type(problem).__name__}, expected an "
+                "ocp.Problem or a function that returns one; name another one as FILE:name"
+            )
+        self._require_simulator(problem)
+        return problem if horizon is None else with_horizon(problem, horizon)
+
+    def _require_simulator(self, problem: Problem) -> None:
+        models = [segment.model for segment in problem.schedule.segments]
+        if len(models) > 1 or getattr(models[0], "has_derivatives", True):
+            raise ProblemError(
+                f"file '{self.path}', name '{self.name}': is not a problem to sample - got "
+                f"{' + '.join(repr(model.name) for model in models)}, expected one models.Mujoco; define "
+                "`sampled_problem`, or name another one as FILE:name"
+            )
+
+
+def load_declared(spec: str, *, quiet: bool = False) -> Declared:
+    """Return what ``FILE`` or ``FILE:name`` declares for sampling.
+
+    Args:
+        spec: a Python file, and after a colon the problem's name; else the first of ``NAMES`` that it has.
+        quiet: let what the file prints go to standard error.
+
+    Raises:
+        ProblemError: there is no such file, it does not run, or something in it is not what its name says.
+    """
+    path, name = split(spec)
+    with redirect_stdout(sys.stderr) if quiet else nullcontext():
+        module = run(path)
+    if not spec.endswith(f":{name}"):
+        name = next((known for known in NAMES if hasattr(module, known)), name)
+    if not hasattr(module, name):
+        if not (known := candidates(module)):
+            raise ProblemError(
+                f"file '{path}': has no problem - got no ocp.Problem, nor a function that returns one, expected "
+                f"'{NAMES[0]}'; declare it"
+            )
+        raise UnknownNameError(f"file '{path}'", "problem", name, known)
+    found = getattr(module, name)
+    settings = _settings(path, name, found) if callable(found) else {}
+    return Declared(
+        path, name, found if callable(found) else lambda: found, settings,
+        _of_kind(module, path, "reward", (Reward,), Reward()),
+        getattr(module, "value", None),
+        _of_kind(module, path, "options", (Options, Mapping), {}),
+    )  # fmt: skip
+
+
+def with_horizon(problem: Problem, steps: int) -> Problem:
+    """Return a problem whose one segment lasts a number of steps."""
+    schedule = problem.schedule
+    segment = schedule.segments[0]
+    return problem.with_schedule(replace(schedule, segments=(replace(segment, duration=steps * segment.dt),)))
+
+
+def _settings(path: Path, name: str, make: Callable[..., Any]) -> dict[str, Any]:
+    """Return arguments and defaults of a function that makes a problem."""
+    settings = {}
+    for argument in inspect.signature(make).parameters.values():
+        if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):
+            continue
+        if argument.default is argument.empty or argument.kind is argument.POSITIONAL_ONLY:
+            raise ProblemError(
+                f"file '{path}', function '{name}': cannot be called without arguments - got '{argument}', expected a "
+                f"default, as {argument.name}=...; give it one"
+            )
+        settings[argument.name] = argument.default
+    return settings
+
+
+def _of_kind(module: ModuleType, path: Path, name: str, kinds: tuple[type, ...], default: Any) -> Any:
+    found = getattr(module, name, default)
+    if not isinstance(found, kinds):
+        expected = " or ".join(kind.__name__ for kind in kinds)
+        raise ProblemError(
+            f"file '{path}', name '{name}': is not what controllers take - got {type(found).__name__}, expected "
+            f"{expected}; rename it if it is something else"
+        )
+    return found

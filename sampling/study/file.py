@@ -1,0 +1,152 @@
+"""Reading a study from a TOML file: what is run, with which settings, in which combinations."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
+
+from .declared import Declared, load_declared
+from .study import Case, grid
+from .trials import TITLES, complete, located, options_of, plant_of, prepare
+
+OWN = ("file", "seeds", "series", "grid")
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """A study as it is declared.
+
+    Args:
+        path: the TOML file.
+        spec: the problem's file and name.
+        declared: what that file declares.
+        cases: the episodes.
+        series: what is drawn over time, against which limit: part of joints' names, or ``height``.
+    """
+
+    path: Path
+    spec: str
+    declared: Declared
+    cases: tuple[Case, ...]
+    series: Mapping[str, float]
+
+
+def read_study(path: Path) -> StudyFile:
+    """Return a study; everything in it that can be known to be wrong without running it is refused.
+
+    Args:
+        path: the TOML file. ``file`` and a ``value`` are relative to it.
+
+    Raises:
+        FileFormatError: it is no TOML file, or a value is not there.
+        SamplingError: an entry is missing or out of range.
+        UnknownNameError: a setting or a controller is unknown.
+        ProblemError: the problem's file cannot be used, or refuses a setting.
+    """
+    try:
+        given = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileFormatError(
+            f"study '{path}': cannot be read - got {error.strerror or error}, expected a TOML file; correct the path"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise FileFormatError(f"study '{path}': is no TOML file - got {error}, expected one; correct it") from error
+    where = f"study '{path}'"
+    if not isinstance(given.get("file"), str):
+        raise SamplingError(
+            f"{where}: has no problem - got file = {given.get('file')!r}, expected the path of a Python file, relative "
+            'to the study; add file = "trot_mppi.py"'
+        )
+    blocks = given.get("grid", [{}])
+    if not (isinstance(blocks, list) and all(isinstance(block, dict) for block in blocks)):
+        raise SamplingError(f"{where}: grid is unusable - got {blocks!r}, expected tables; write [[grid]]")
+    spec = str(path.parent / given["file"])
+    declared = load_declared(spec)
+    seeds = _seeds(given.get("seeds", 1), where)
+    defaults = {name: value for name, value in given.items() if name not in OWN}
+    cases = []
+    for combined in grid(blocks, defaults):
+        label = str(combined.pop("label", ""))
+        settings = complete(declared, combined, where, path.parent)
+        made_from = {"file": source_digest(declared.path)}
+        if settings["value"] is not None:
+            made_from["value"] = content_digest(Path(settings["value"]))
+            settings["value"] = os.path.relpath(settings["value"], path.parent)  # the same study in any checkout
+        label = label or TITLES[settings["controller"]]
+        cases += [Case(label, settings, seed, made_from) for seed in seeds]
+    if not cases:
+        raise SamplingError(f"{where}: has no episodes - got an empty list, expected values to vary; correct the list")
+    series = _series(given.get("series", {}), where)
+    _try_out(declared, cases, series, where)
+    return StudyFile(path, spec, declared, tuple(cases), series)
+
+
+def try_controllers(study: StudyFile) -> None:
+    """Make the controller of every cell once, which compiles what is new.
+
+    Raises:
+        PiaffeError: one cannot be made, or its value was learnt for something else.
+    """
+    for case in {case.cell: case for case in study.cases}.values():
+        prepare(study.declared, located(case.settings, study.path.parent)).close()
+
+
+def _try_out(declared: Declared, cases: list[Case], series: Mapping[str, float], where: str) -> None:
+    """Make the problem and the plant of every cell once, so that what the file refuses is refused now."""
+    tried: set[str] = set()
+    for case in cases:
+        options_of(declared, case.settings)
+        own = {name: case.settings[name] for name in declared.settings if name != "horizon"}
+        own |= {name: case.settings[name] for name in ("horizon", "plant_timestep", "friction", "payload")}
+        if repr(own) not in tried:
+            problem = declared.problem({k: v for k, v in own.items() if k in declared.settings and k != "horizon"},
+                                       case.settings["horizon"])  # fmt: skip
+            model = problem.schedule.segments[0].model
+            plant_of(model, case.settings)
+            tried.add(repr(own))
+            for name in series:
+                joints: tuple[str, ...] = getattr(model, "robot").joint_names  # noqa: B009  # a models.Mujoco
+                if name != "height" and not any(name in joint for joint in joints):
+                    raise UnknownNameError(f"{where}, series", "joint", name, ["height", *joints])
+
+
+def _seeds(given: Any, where: str) -> list[int]:
+    seeds = list(range(given)) if isinstance(given, int) and not isinstance(given, bool) else given
+    whole = isinstance(seeds, list) and all(isinstance(s, int) and not isinstance(s, bool) and s >= 0 for s in seeds)
+    if not (whole and seeds):
+        raise SamplingError(
+            f"{where}: seeds are unusable - got {given!r}, expected how many, or a list of whole numbers from 0 on; "
+            "write seeds = 20"
+        )
+    return list(dict.fromkeys(seeds))
+
+
+def _series(given: Any, where: str) -> dict[str, float]:
+    if isinstance(given, dict) and all(isinstance(limit, int | float) for limit in given.values()):
+        return {name: float(limit) for name, limit in given.items()}
+    raise SamplingError(
+        f"{where}: series is unusable - got {given!r}, expected limits by name: part of joints' names, or height"
+    )
+
+
+def source_digest(path: Path) -> str:
+    """Return a digest of Python code that comments and layout do not change."""
+    tree = ast.dump(ast.parse(path.read_text(encoding="utf-8")))
+    return hashlib.sha256(tree.encode()).hexdigest()[:16]
+
+
+def content_digest(path: Path) -> str:
+    """Return a digest of a file, or of all files in a folder."""
+    digest = hashlib.sha256()
+    for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+        if file.is_file():
+            digest.update(str(file.relative_to(path)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:16]

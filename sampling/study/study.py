@@ -1,0 +1,231 @@
+"""Studies: episodes over a grid of settings, each kept on disk when it is done, so that a study can be continued."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+from piaffe.errors import SamplingError
+from piaffe.simulation import Episode
+
+from .records import load_episodes, save_episodes
+
+Stale = Literal["refuse", "keep", "redo"]
+
+_ONLY = "episode"
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One episode of a study.
+
+    Args:
+        label: what tables and figures call it; no part of what it is.
+        settings: what it is made with, JSON-able.
+        seed: of the episode.
+        made_from: digests of what the settings refer to, by name.
+    """
+
+    label: str
+    settings: Mapping[str, Any]
+    seed: int
+    made_from: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def cell(self) -> str:
+        """Name of the settings, the same for all seeds."""
+        return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()[:16]
+
+
+Task = Callable[[Case], tuple[Episode, Mapping[str, Any]]]
+"""Runs an episode; returns it and what else is known of it, JSON-able. Pools of processes must be able to pickle it."""
+
+Heard = Callable[[Case, BaseException | None], None]
+"""Called with a case that is done, or that failed and why."""
+
+
+def grid(blocks: Iterable[Mapping[str, Any]], defaults: Mapping[str, Any] | None = None) -> list[dict[str, Any]]:
+    """Return settings of every combination: in each block, lists are varied against each other.
+
+    Args:
+        blocks: values, or lists of values, by name; their combinations follow each other, repeated ones left out.
+        defaults: the same for all blocks, which may replace them.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    for block in blocks:
+        own = {**{name: value for name, value in (defaults or {}).items() if name not in block}, **block}
+        for values in product(*(value if isinstance(value, list) else [value] for value in own.values())):
+            settings = dict(zip(own, values, strict=True))
+            found.setdefault(json.dumps(settings, sort_keys=True), settings)
+    return list(found.values())
+
+
+class Study:
+    """Episodes in a folder: ``episodes/CELL/seed-N.npz``.
+
+    Args:
+        cases: the episodes.
+        folder: where they are kept.
+    """
+
+    def __init__(self, cases: Sequence[Case], folder: str | Path) -> None:
+        self.cases, self.folder = tuple(cases), Path(folder)
+
+    def path(self, case: Case) -> Path:
+        """Return where an episode is kept."""
+        return self.folder / "episodes" / case.cell / f"seed-{case.seed}.npz"
+
+    def missing(self, stale: Stale = "refuse") -> list[Case]:
+        """Return the cases that are to be run.
+
+        Args:
+            stale: what becomes of episodes that were made from other contents than those of now: ``"keep"`` them,
+                ``"redo"`` them, or refuse.
+
+        Raises:
+            SamplingError: there are such episodes.
+            FileFormatError: a file in the folder is foreign.
+        """
+        found, old = [], []
+        for case in self.cases:
+            if not self.path(case).is_file():
+                found.append(case)
+            elif load_episodes(self.path(case))[1].get("made_from") != dict(case.made_from):
+                old.append(case)
+        if old and stale == "refuse":
+            raise SamplingError(
+                f"study '{self.folder}': what its episodes were made from has changed - got {len(old)} of "
+                f"{len(self.cases)} from other contents of {' or '.join(old[0].made_from)}, expected those of now; "
+                "keep them (--stale keep) if the change does not matter, or redo them (--stale redo)"
+            )
+        return [case for case in self.cases if case in found or case in old] if stale == "redo" else found
+
+    def run(
+        self, task: Task, executor: Executor, *, stale: Stale = "refuse", heard: Heard | None = None
+    ) -> dict[Case, BaseException]:
+        """Run what is missing, and return the cases that failed and why; each episode is kept at once.
+
+        On ``KeyboardInterrupt`` what is under way is finished and kept before it is raised again.
+
+        Args:
+            task: runs one.
+            executor: any of ``concurrent.futures`` or like it.
+            stale: as for :meth:`missing`.
+            heard: called after each.
+
+        Raises:
+            SamplingError: a worker died.
+        """
+        failures: dict[Case, BaseException] = {}
+        waiting: dict[Future[Any], Case] = {executor.submit(task, case): case for case in self.missing(stale)}
+        left = set(waiting)
+
+        def collect(futures: Iterable[Future[Any]]) -> None:
+            for future in as_completed(futures):
+                left.discard(future)
+                if future.cancelled():
+                    continue
+                error = future.exception()
+                if isinstance(error, BrokenExecutor):
+                    raise SamplingError(
+                        f"study '{self.folder}': a worker died - got {error}, expected it to run; was it killed, for "
+                        "memory? Run the study again with fewer workers: what is done is kept"
+                    ) from error
+                if error is None:
+                    self._keep(waiting[future], *future.result())
+                else:
+                    failures[waiting[future]] = error
+                if heard is not None:
+                    heard(waiting[future], error)
+
+        try:
+            collect(waiting)
+        except KeyboardInterrupt:
+            for future in left:
+                future.cancel()
+            collect(set(left))
+            raise
+        return failures
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return one row per episode that is done: label, seed, settings and figures."""
+        return [self._row(case) for case in self.cases if self.path(case).is_file()]
+
+    def episode(self, case: Case) -> Episode:
+        """Return an episode that is done."""
+        return load_episodes(self.path(case))[0][_ONLY]
+
+    def _keep(self, case: Case, episode: Episode, known: Mapping[str, Any]) -> None:
+        about = {
+            "label": case.label, "settings": dict(case.settings), "seed": case.seed,
+            "made_from": dict(case.made_from), "known": dict(known),
+        }  # fmt: skip
+        save_episodes(self.path(case), {_ONLY: episode}, about)
+
+    def _row(self, case: Case) -> dict[str, Any]:
+        episodes, about = load_episodes(self.path(case))
+        row = {"label": case.label, "cell": case.cell, "seed": case.seed, **case.settings, **about["known"]}
+        figures = episodes[_ONLY].summary()
+        figures["steps_done"] = figures.pop("steps")
+        for key, value in figures.items():
+            if isinstance(value, dict):
+                row |= {f"{key}.{name}": entry for name, entry in value.items()}
+            else:
+                row[key] = value
+        return row | {f"{name}_digest": digest for name, digest in about["made_from"].items()}
+
+
+def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> Path:
+    """Write rows as a Parquet file, which appears whole or not at all; values of mixed kinds become JSON.
+
+    Args:
+        path: the file.
+        rows: one per episode; what some lack is null.
+
+    Raises:
+        SamplingError: pyarrow is not installed.
+    """
+    pyarrow, parquet = require_pyarrow()
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = {name: _column([row.get(name) for row in rows]) for name in names}
+    text = pyarrow.string()
+    table = pyarrow.table({
+        name: pyarrow.array(column, None if any(value is not None for value in column) else text)
+        for name, column in columns.items()
+    })  # fmt: skip
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}")
+    parquet.write_table(table, temporary)
+    return temporary.replace(path)
+
+
+def require_pyarrow() -> tuple[Any, Any]:
+    """Return pyarrow and its module for Parquet.
+
+    Raises:
+        SamplingError: it is not installed.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise SamplingError(
+            f"study: a table of episodes is a Parquet file - got {error}, expected pyarrow; pip install "
+            "'piaffe[sampling]'"
+        ) from error
+    return pyarrow, parquet
+
+
+def _column(values: Sequence[Any]) -> list[Any]:
+    kinds = {type(value) for value in values if value is not None}
+    if kinds <= {int, float} and len(kinds) > 1:
+        return [None if value is None else float(value) for value in values]
+    plain = len(kinds) <= 1 and kinds <= {bool, int, float, str}
+    return list(values) if plain else [None if value is None else json.dumps(value) for value in values]

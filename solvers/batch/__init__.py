@@ -1,0 +1,5 @@
+"""Many instances of one problem, solved over the cores."""
+
+from .batch import solve_batch as solve_batch
+from .solution import BatchPhase as BatchPhase
+from .solution import BatchSolution as BatchSolution

@@ -1,0 +1,322 @@
+"""Batches: many instances of one problem - other starts, masses, friction - solved over the cores."""
+
+from __future__ import annotations
+
+import ctypes as ct
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.codegen import Worker, available_cores
+from piaffe.errors import ProblemError, ShapeError, SolverError
+from piaffe.ocp import (
+    CompiledProblem,
+    NamedNumber,
+    Problem,
+    check_numbers,
+    check_value,
+    compile_problem,
+    find_number,
+    initial_state,
+    instance,
+    named_numbers,
+    numbers_of,
+    require_derivatives,
+)
+
+from ..ilqr import (
+    STATUS,
+    Backend,
+    Evaluator,
+    Machine,
+    Options,
+    Outer,
+    Run,
+    WarmStart,
+    assemble,
+    fault,
+    first_iterate,
+    iterate_from,
+    native_machine,
+    read_iterate,
+    read_outer,
+    read_search,
+    write,
+)
+from ..solution import Solution, Status
+from .solution import BatchRecorder, BatchSolution
+
+Array = NDArray[np.float64]
+Starts = Solution | BatchSolution | Sequence[Solution | None] | None
+_POLL_S = 0.05
+
+
+def solve_batch(
+    problem: Problem | CompiledProblem,
+    initial_states: ArrayLike | None = None,
+    parameters: Mapping[str, ArrayLike] | None = None,
+    options: Options | None = None,
+    *,
+    backend: Backend = "native",
+    threads: int | None = None,
+    warm_start: Starts = None,
+    gains: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> BatchSolution:
+    """Solve many instances of one problem.
+
+    Each instance is solved as ``MSiLQR(compiled.with_numbers(its numbers, its start), options).solve(its warm start)``
+    would, to the bit, whatever the number of threads. Ctrl-C stops the batch and returns what is done.
+
+    Args:
+        problem: the declaration, or one already compiled.
+        initial_states: (batch, nx); None for the problem's own in every instance. Targets stay those of the problem.
+        parameters: name → values (batch, size), or (batch,) for single numbers; ``compiled.numbers`` lists the names.
+        options: options of every solve.
+        backend: as of :class:`MSiLQR`; ``"numpy"`` solves one after the other.
+        threads: how many instances at once; as many as there are cores by default.
+        warm_start: one solution for all, a batch of the same size, or a sequence with one (or None) per instance.
+        gains: whether to keep the policy's feedforward and feedback.
+        progress: called with instances done and instances in all, from the calling thread.
+
+    Raises:
+        UnknownNameError: a parameter is not among the problem's numbers.
+        ShapeError: shapes do not fit, each other or the problem.
+        ProblemError: a value is not finite, or bounds exclude each other.
+        SolverError: a warm start does not fit, or threads is not positive.
+    """
+    began = time.perf_counter()
+    if not isinstance(problem, Problem | CompiledProblem):
+        raise SolverError(
+            f"solve_batch: not a problem - got {type(problem).__name__}, expected an ocp.Problem; declare one"
+        )
+    if backend not in ("native", "numpy"):
+        raise SolverError(
+            f"solve_batch: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one"
+        )
+    if threads is not None and not (isinstance(threads, int) and threads > 0):
+        raise SolverError(
+            f"solve_batch: threads is out of range - got {threads!r}, expected a positive number; raise it"
+        )
+    require_derivatives(problem, "solve_batch")
+    compiled = compile_problem(problem) if isinstance(problem, Problem) else problem
+    check_numbers(compiled)
+    batch = _Batch(compiled, initial_states, parameters or {}, warm_start, options or Options(), gains)
+    machine = native_machine(compiled, batch.options) if backend == "native" else None
+    if machine is None:
+        used = 1
+        batch.solve_in_numpy(progress)
+    else:
+        used = min(threads or available_cores(), batch.size)
+        batch.solve_in_c(machine, used, progress)
+    return batch.recorder.solution(time.perf_counter() - began, used)
+
+
+class _Batch:
+    """The instances of a batch, checked before any is solved, and what has been found for them."""
+
+    def __init__(
+        self,
+        compiled: CompiledProblem,
+        initial_states: ArrayLike | None,
+        parameters: Mapping[str, ArrayLike],
+        warm_start: Starts,
+        options: Options,
+        gains: bool,
+    ) -> None:
+        self.compiled, self.options = compiled, options
+        known = named_numbers(compiled) if parameters else {}
+        varied = [find_number(known, name, "solve_batch") for name in parameters]
+        tables = [_rows(number, value) for number, value in zip(varied, parameters.values(), strict=True)]
+        sizes = {f"parameter '{number.name}'": len(table) for number, table in zip(varied, tables, strict=True)}
+        starts: Array | None = None
+        if initial_states is not None:
+            starts = numbers_of(initial_states, "solve_batch", "initial states")
+            nx = compiled.initial.size
+            if starts.ndim != 2 or starts.shape[1] != nx:
+                raise ShapeError(
+                    f"solve_batch: initial states have the wrong shape - got {starts.shape}, expected (batch, {nx}); "
+                    "give one row per instance"
+                )
+            sizes["initial states"] = len(starts)
+        if warm_start is not None and not isinstance(warm_start, Solution):
+            sizes["warm start"] = len(warm_start)
+        if len(set(sizes.values())) != 1 or 0 in sizes.values():
+            raise ShapeError(
+                f"solve_batch: not one number of instances - got {sizes or 'nothing that varies'}, expected the same "
+                "positive number everywhere; give as many rows of each"
+            )
+        self.size = next(iter(sizes.values()))
+        self.slots: list[dict[tuple[str, str], Array]] = [{} for _ in range(self.size)]
+        self.starts, self.warm = [], []
+        shared = WarmStart.of(warm_start) if isinstance(warm_start, Solution) else None
+        bounded = any(number.is_bound for number in varied)
+        for i in range(self.size):
+            where = f"solve_batch, instance {i}"
+            for number, table in zip(varied, tables, strict=True):
+                value = check_value(compiled, number, table[i], where)
+                self.slots[i] |= dict.fromkeys(number.slots, value)
+            self.starts.append(compiled.initial if starts is None else initial_state(compiled, starts[i], where))
+            self.warm.append(shared or _warm_start(warm_start, i))
+            try:
+                if i == 0 or not isinstance(warm_start, Solution):
+                    first_iterate(compiled, self.warm[i])
+                if bounded:
+                    self.instance(i)  # whether bounds exclude each other
+            except (ProblemError, SolverError) as error:
+                raise type(error)(f"{where}: {error}") from error
+        self.recorder = BatchRecorder(compiled, self.size, gains)
+
+    def instance(self, i: int) -> CompiledProblem:
+        """Return instance i."""
+        return instance(self.compiled, self.slots[i], self.starts[i])
+
+    # ---- in NumPy, one after the other
+
+    def solve_in_numpy(self, progress: Callable[[int, int], None] | None) -> None:
+        """Solve every instance; Ctrl-C ends the batch after keeping the iterate of the instance under way."""
+        evaluator = Evaluator(self.compiled)
+        for i in range(self.size):
+            try:
+                interrupted = self._solve_one_in_numpy(evaluator, i)
+                if progress is not None:
+                    progress(i + 1, self.size)
+            except KeyboardInterrupt:
+                return
+            if interrupted:
+                return
+
+    def _solve_one_in_numpy(self, evaluator: Evaluator, i: int) -> bool:
+        began, warm = time.perf_counter(), self.warm[i]
+        evaluator.problem = self.instance(i)
+        start = iterate_from(evaluator.problem, warm)
+        flags = [np.full(phase.num_stages + 1, True) for phase in self.compiled.phases]
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            run = Run(evaluator, self.options, start, flags, None)
+            if warm is not None:
+                run.resume(warm)
+            try:
+                status = run.loop()
+            except KeyboardInterrupt:
+                status = Status.INTERRUPTED
+            r, at = self.recorder, run.current
+            r.numbers["cost"][i], r.numbers["max_defect"][i] = at.cost, at.max_defect
+            r.numbers["max_equality"][i], r.numbers["max_inequality"][i] = run.violations(at)
+            for k, (x, u) in enumerate(zip(at.iterate.states, at.iterate.controls, strict=True)):
+                r.put(k, i, states=x, controls=u)
+            if r.gains:
+                for k, phase in enumerate(assemble(run, status, 0.0).phases):
+                    r.put(k, i, feedforward=phase.feedforward, feedback=phase.feedback)
+            if status is Status.NOT_FINITE:
+                r.faults[i] = fault(evaluator, at.iterate, run.outside)
+            self._keep(i, run.outer, status, len(run.history), time.perf_counter() - began)
+            r.search[i] = run.search_state()
+        return status is Status.INTERRUPTED
+
+    def _keep(self, i: int, outer: Outer, status: Status, iterations: int, solve_s: float) -> None:
+        r = self.recorder
+        r.status[i], r.iterations[i] = status, iterations
+        r.numbers["barrier_weight"][i], r.numbers["solve_s"][i] = outer.weight, solve_s
+        for k, dual in enumerate(outer.duals):
+            r.put_multipliers(k, i, dual.stored())
+
+    # ---- in C, over threads
+
+    def solve_in_c(self, machine: Machine, threads: int, progress: Callable[[int, int], None] | None) -> None:
+        """Solve every instance; Ctrl-C and errors end the batch once every thread has stopped."""
+        machines = [machine] + [Machine(self.compiled, machine.origin, self.options) for _ in range(threads - 1)]
+        stop, errors = threading.Event(), list[BaseException]()
+        following, told = iter(range(self.size)), 0
+        lock = threading.Lock()
+        self.done = 0
+
+        def work(own: Machine) -> None:
+            try:
+                while not stop.is_set():
+                    with lock:
+                        i = next(following, None)
+                    if i is None or not self._solve_one_in_c(own, i, stop):
+                        return
+                    with lock:
+                        self.done += 1
+            except BaseException as error:  # told by the thread that waits
+                errors.append(error)
+                stop.set()
+
+        workers = [Worker(partial(work, own)) for own in machines]
+        try:
+            for worker in workers:
+                worker.start()
+            while True:
+                running = [worker for worker in workers if worker.runs]
+                if progress is not None and self.done > told:
+                    told = self.done
+                    progress(told, self.size)
+                if not running:
+                    break
+                running[0].wait(_POLL_S)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            stop.set()
+            for own in machines:
+                own.c.cancel = 1
+            for worker in workers:
+                worker.wait_out()
+        if errors:
+            raise errors[0]
+
+    def _solve_one_in_c(self, machine: Machine, i: int, stop: threading.Event) -> bool:
+        """Solve instance i; return whether it was not begun because the batch is to stop."""
+        began, warm = time.perf_counter(), self.warm[i]
+        problem = self.instance(i)
+        machine.renumber(problem)
+        outer = Outer(problem, self.options)
+        if warm is not None:
+            outer.resume(warm)
+        resumed = write(machine, iterate_from(problem, warm), outer, warm)
+        if stop.is_set():  # asked after write(), which clears the wish to stop
+            return False
+        c, r = machine.c, self.recorder
+        status = STATUS[machine.library.piaffe_solve(ct.byref(c), resumed)]
+        read_outer(machine, outer)
+        r.search[i] = read_search(machine)
+        r.numbers["cost"][i], r.numbers["max_defect"][i] = c.cost, c.max_defect
+        r.numbers["max_equality"][i], r.numbers["max_inequality"][i] = c.max_equality, c.max_inequality
+        iterate = read_iterate(machine, machine.accepted)
+        for k, (x, u) in enumerate(zip(iterate.states, iterate.controls, strict=True)):
+            r.put(k, i, states=x, controls=u)
+        iterations = c.num_records
+        if status is Status.NOT_FINITE:
+            outside = read_iterate(machine, machine.outside) if c.blocked else None
+            r.faults[i] = fault(Evaluator(problem), iterate, outside) or machine.fault()
+        if r.gains:
+            found = machine.library.piaffe_policy(ct.byref(c))
+            for k, own in enumerate(machine.arrays):
+                r.put(k, i, feedforward=np.where(found, own["k"], 0.0), feedback=np.where(found, own["K"], 0.0))
+        self._keep(i, outer, status, iterations, time.perf_counter() - began)
+        return True
+
+
+def _rows(number: NamedNumber, value: ArrayLike) -> Array:
+    """Return the values of a number, (batch, size)."""
+    table = numbers_of(value, "solve_batch", f"parameter '{number.name}'")
+    rows = table[:, None] if table.ndim == 1 and number.size == 1 else table
+    if rows.ndim != 2 or rows.shape[1] != number.size:
+        expected = "(batch,)" if number.size == 1 else f"(batch, {number.size})"
+        raise ShapeError(
+            f"solve_batch: parameter '{number.name}' has the wrong shape - got {table.shape}, expected {expected}; "
+            "give one row per instance"
+        )
+    return rows
+
+
+def _warm_start(given: Starts, i: int) -> WarmStart | None:
+    if isinstance(given, BatchSolution):
+        return given.warm_start(i)
+    solution = given if given is None or isinstance(given, Solution) else given[i]
+    return None if solution is None else WarmStart.of(solution)

@@ -1,0 +1,21 @@
+"""Multiple-shooting iLQR: the algorithm in NumPy, and the same in C in ``native``."""
+
+from .fault import fault as fault
+from .iterate import Evaluator as Evaluator
+from .ms_ilqr import MSiLQR as MSiLQR
+from .native import STATUS as STATUS
+from .native import Backend as Backend
+from .native import Machine as Machine
+from .native import native_machine as native_machine
+from .native import read_iterate as read_iterate
+from .native import read_outer as read_outer
+from .native import read_search as read_search
+from .native import write as write
+from .options import Options as Options
+from .outer import Outer as Outer
+from .result import assemble as assemble
+from .riccati import LqPhase as LqPhase
+from .run import Run as Run
+from .warm_start import WarmStart as WarmStart
+from .warm_start import first_iterate as first_iterate
+from .warm_start import iterate_from as iterate_from

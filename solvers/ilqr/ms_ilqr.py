@@ -1,0 +1,150 @@
+"""MSiLQR: multi-phase multiple-shooting iLQR with augmented Lagrangian and relaxed barrier, in NumPy or in C."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from threading import Lock
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import SolverError
+from piaffe.ocp import CompiledProblem, Problem, check_numbers, compile_problem, require_derivatives
+
+from ..solution import Record, Solution, Status
+from .fault import fault
+from .iterate import Evaluator, Iterate
+from .native import Backend, drive, native_machine
+from .options import Options
+from .result import assemble
+from .rollout import move
+from .run import Run
+from .warm_start import WarmStart, first_iterate
+
+Flags = NDArray[np.bool_]
+
+
+class MSiLQR:
+    """Multi-phase multiple-shooting iLQR.
+
+    Args:
+        problem: a declaration, or one already compiled.
+        options: tolerances and parameters.
+        backend: ``"native"``: the solver in C, compiled for these modes once and kept; where no compiler works, NumPy
+            with a warning. ``"numpy"``: the readable reference. Both make the same iterates.
+        building: called while the native backend compiles, with steps done, steps in all and what was done last.
+    """
+
+    def __init__(
+        self,
+        problem: Problem | CompiledProblem,
+        options: Options | None = None,
+        *,
+        backend: Backend = "native",
+        building: Callable[[int, int, str], None] | None = None,
+    ) -> None:
+        if backend not in ("native", "numpy"):
+            raise SolverError(f"MSiLQR: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one")
+        if not isinstance(problem, Problem | CompiledProblem):
+            raise SolverError(
+                f"{type(self).__name__}: not a problem - got {type(problem).__name__}, expected an ocp.Problem; "
+                "declare one"
+            )
+        require_derivatives(problem, type(self).__name__)
+        self.options = options or Options()
+        self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
+        self.evaluator = Evaluator(self.problem)
+        self.machine = native_machine(self.problem, self.options, building) if backend == "native" else None
+        self._idle = Lock()
+
+    @property
+    def backend(self) -> Backend:
+        """Which implementation solves: ``"numpy"`` also where no compiler was found."""
+        return "numpy" if self.machine is None else "native"
+
+    def solve(
+        self,
+        warm_start: Solution | None = None,
+        *,
+        shooting: bool | Sequence[ArrayLike] = True,
+        progress: Callable[[Record], None] | None = None,
+    ) -> Solution:
+        """Solve the problem.
+
+        Args:
+            warm_start: a solution of a problem with the same phases and sizes: states, controls and multipliers to
+                begin with. Without it the path through the targets is the start.
+            shooting: which nodes are shooting nodes: True for all, False for none (single shooting: the start is rolled
+                out), or per phase (N+1,) flags.
+            progress: called with every iteration's record.
+
+        Returns:
+            The solution; its status says how the solve ended. A solve that does not converge does not raise.
+
+        Raises:
+            SolverError: the warm start or the flags do not fit the problem, the warm start is not finite, or another
+                thread is in this method of this object.
+            ProblemError: a number of the problem is not finite.
+        """
+        began = time.perf_counter()
+        check_numbers(self.problem)
+        if not self._idle.acquire(blocking=False):
+            raise SolverError(
+                "MSiLQR.solve: already solving - got a second call while another thread's runs, expected one at a "
+                "time, as they share memory; make an MSiLQR for each thread, or use solvers.solve_batch"
+            )
+        try:
+            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # a trial may be; see Status.NOT_FINITE
+                return self._solve(warm_start, shooting, progress, began)
+        finally:
+            self._idle.release()
+
+    def _solve(
+        self,
+        warm_start: Solution | None,
+        shooting: bool | Sequence[ArrayLike],
+        progress: Callable[[Record], None] | None,
+        began: float,
+    ) -> Solution:
+        flags = self.flags(shooting)
+        from_earlier = None if warm_start is None else WarmStart.of(warm_start)
+        start = first_iterate(self.problem, from_earlier)
+        if not all(f.all() for f in flags):
+            zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
+            start = move(self.evaluator, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
+        run = Run(self.evaluator, self.options, start, flags, progress)
+        if from_earlier is not None:
+            run.resume(from_earlier)
+        try:
+            if self.machine is not None and all(f.all() for f in flags):
+                status = drive(self.machine, run, from_earlier, progress)
+            else:
+                status = run.loop()
+        except KeyboardInterrupt:
+            status = Status.INTERRUPTED
+        solution = assemble(run, status, time.perf_counter() - began)
+        if status is not Status.NOT_FINITE:
+            return solution
+        found = fault(self.evaluator, run.current.iterate, run.outside)
+        if not found and self.machine is not None:
+            found = self.machine.fault()
+        return replace(solution, fault=found)
+
+    def start(self, warm_start: Solution | None) -> Iterate:
+        """Return the states and controls to begin with."""
+        return first_iterate(self.problem, None if warm_start is None else WarmStart.of(warm_start))
+
+    def flags(self, shooting: bool | Sequence[ArrayLike]) -> list[Flags]:
+        """Return which nodes are shooting nodes, per phase (N+1,)."""
+        sizes = [phase.num_stages + 1 for phase in self.problem.phases]
+        if isinstance(shooting, bool):
+            return [np.full(size, shooting) for size in sizes]
+        flags = [np.asarray(f, dtype=bool) for f in shooting]
+        if [f.shape for f in flags] != [(size,) for size in sizes]:
+            raise SolverError(
+                f"shooting: flags do not fit the phases - got shapes {[f.shape for f in flags]}, expected "
+                f"{[(size,) for size in sizes]}; give one flag per node and phase"
+            )
+        return flags

@@ -1,0 +1,309 @@
+"""One solve: line search, regularisation and the loop around the linear-quadratic model."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..solution import Record, SearchState, Status, is_same
+from .iterate import Evaluator, Iterate, PhaseValues, masked, penalty_cost, running_cost
+from .options import Options
+from .outer import Outer
+from .riccati import Direction, LqPhase, Sweep, backward, close_defects, roll_out
+from .rollout import Flags, move
+from .warm_start import WarmStart
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """An iterate with everything that is computed from it without derivatives."""
+
+    iterate: Iterate
+    values: list[PhaseValues]
+    defects: list[Array]
+    cost: float
+
+    @property
+    def gap(self) -> float:
+        """Sum of the absolute values of all defects: what the merit weighs."""
+        return float(sum(np.sum(np.abs(d)) for d in self.defects))
+
+    @property
+    def max_defect(self) -> float:
+        """Largest defect, ∞-norm in the tangent."""
+        return float(max(np.max(np.abs(d), initial=0.0) for d in self.defects))
+
+
+class Run:
+    """One solve: its current iterate, outer state and history.
+
+    Args:
+        evaluator: the problem's functions.
+        options: options.
+        start: the first iterate.
+        shooting: which nodes are shooting nodes.
+        report: called with every iteration's record.
+    """
+
+    def __init__(
+        self,
+        evaluator: Evaluator,
+        options: Options,
+        start: Iterate,
+        shooting: list[Flags],
+        report: Callable[[Record], None] | None,
+    ) -> None:
+        self.o, self.problem, self.evaluator = options, evaluator.problem, evaluator
+        self.shooting, self.report = shooting, report
+        self.began = time.perf_counter()
+        self.outer = Outer(evaluator.problem, options)
+        self.current = self.evaluate(start)
+        self.history: list[Record] = []
+        self.models: list[LqPhase] = []
+        self.sweeps: list[Sweep] = []
+        self.policy: list[Sweep] | None = None  # at the last iterate, from a backend that has it
+        self.regularization = 0.0
+        self.step_size = 1.0
+        self.rho = self.least_rho = options.merit_offset
+        self.inner = 0
+        self.gains: list[float] = []
+        self.outside: Iterate | None = None  # a trial on the way to or from the current iterate, merit not finite
+
+    # ---- going on from an earlier solve
+
+    def resume(self, start: WarmStart) -> None:
+        """Take barrier and multipliers from an earlier solve; of the same problem, the state of the search, too."""
+        self.outer.resume(start)
+        state = start.search
+        if state is not None and is_same(self.augmented(self.current) + state.rho * self.current.gap, state.merit):
+            self.take_up(state)
+
+    def take_up(self, state: SearchState) -> None:
+        """Search on from a state."""
+        self.rho, self.least_rho, self.regularization = state.rho, state.least_rho, state.regularization
+        self.step_size, self.gains, self.inner = state.step_size, list(state.gains), state.inner
+        self.outer.unmoved, self.outer.last_cost = state.unmoved, state.last_cost
+        self.outer.last_equality, self.outer.last_violation = state.last_equality, state.last_violation
+
+    def search_state(self) -> SearchState:
+        """Return what a later solve needs to go on from here."""
+        return SearchState(
+            merit=self.augmented(self.current) + self.rho * self.current.gap, rho=self.rho, least_rho=self.least_rho,
+            regularization=self.regularization, step_size=self.step_size, gains=tuple(self.gains[-_PATIENCE:]),
+            inner=self.inner, unmoved=self.outer.unmoved, last_equality=float(self.outer.last_equality),
+            last_violation=float(self.outer.last_violation), last_cost=self.outer.last_cost,
+        )  # fmt: skip
+
+    # ---- evaluation
+
+    def evaluate(self, iterate: Iterate) -> Evaluated:
+        """Return an iterate's values, defects and declared cost."""
+        values = self.evaluator.all_values(iterate)
+        cost = sum(running_cost(p, v) for p, v in zip(self.problem.phases, values, strict=True))
+        return Evaluated(iterate, values, self.evaluator.defects(iterate, values), float(cost))
+
+    def augmented(self, at: Evaluated) -> float:
+        """Return cost plus barrier plus augmented Lagrangian."""
+        parts = zip(self.problem.phases, at.values, self.outer.duals, strict=True)
+        return at.cost + sum(penalty_cost(p, v, d, self.outer.weight) for p, v, d in parts)
+
+    def violations(self, at: Evaluated) -> tuple[float, float]:
+        """Return the largest equality and inequality violations."""
+        h, g = [0.0], [0.0]
+        for p, v in zip(self.problem.phases, at.values, strict=True):
+            for values, mask in ((v.h, p.h_mask), (v.end_h, p.end_h_mask)):
+                h.append(np.max(np.abs(masked(mask, values)), initial=0.0))
+            for values, mask in ((v.g, p.g_mask), (v.end_g, p.end_g_mask)):
+                g.append(np.max(-masked(mask, values), initial=0.0))
+        return float(max(h)), float(max(g))
+
+    def linearise(self) -> list[LqPhase]:
+        """Return the linear-quadratic model at the current iterate."""
+        at, outer = self.current, self.outer
+        return [
+            self.evaluator.lq(i, at.iterate, at.values[i], at.defects[i], outer.duals[i], outer.weight)
+            for i in range(len(self.problem.phases))
+        ]
+
+    # ---- the loop
+
+    def loop(self) -> Status:
+        """Iterate; return how it ended."""
+        if not np.isfinite(self.augmented(self.current) + self.current.gap):
+            return Status.NOT_FINITE
+        self.models = self.linearise()
+        while True:
+            direction = self.direction()
+            if direction is None:
+                return self.failed()
+            stationary = self.is_stationary(direction)
+            if stationary and self.is_blocked():
+                return Status.NOT_FINITE
+            if stationary and self.meets_everything():
+                return Status.CONVERGED
+            if len(self.history) >= self.o.max_iterations:
+                return Status.ITERATION_LIMIT
+            if stationary or self.is_due():
+                direction = self.advance(stationary=stationary)
+                if self.outer.is_stuck:
+                    return Status.INFEASIBLE
+                if direction is None:
+                    return self.failed()
+            if self.o.time_limit_s is not None and time.perf_counter() - self.began > self.o.time_limit_s:
+                return Status.TIME_LIMIT
+            size = self.search(direction)
+            self.adapt(size)
+            self.record(direction, size)
+            if self.regularization > self.o.max_regularization:
+                return self.failed()
+            if size > 0.0:
+                self.models = self.linearise()
+
+    def failed(self) -> Status:
+        """Return why there is no step: something is not finite, or nothing decreases the merit."""
+        finite = self.outside is None and all(model.is_finite for model in self.models)
+        return Status.LINE_SEARCH_FAILED if finite else Status.NOT_FINITE
+
+    def is_stationary(self, direction: Direction) -> bool:
+        """Return whether the sub-problem is solved: nothing is expected, or nothing has been gained for long."""
+        tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
+        nothing_expected = abs(direction.dV1 + 0.5 * direction.dV2) < tolerance
+        nothing_gained = len(self.gains) >= _PATIENCE and max(self.gains[-_PATIENCE:]) < tolerance
+        return (nothing_expected or nothing_gained) and self.current.max_defect < self.o.max_defect
+
+    def is_blocked(self) -> bool:
+        """Return whether an iterate only looks stationary, as regularisation keeps steps where the merit is finite."""
+        if self.outside is None or self.regularization <= self.o.regularization:
+            return False
+        sweeps = backward(self.models, self.o.regularization)
+        if sweeps is None:
+            return False
+        direction = roll_out(self.models, sweeps)
+        return not abs(direction.dV1 + 0.5 * direction.dV2) < self.o.cost_tolerance * (1 + abs(self.current.cost))
+
+    def is_due(self) -> bool:
+        """Return whether to leave the sub-problem unsolved: it has had its iterations, and rows are violated."""
+        if self.inner < self.o.max_inner or self.current.max_defect >= _NEARLY_CLOSED:
+            return False
+        return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(
+            self.current.cost
+        )
+
+    def meets_everything(self) -> bool:
+        """Return whether every tolerance is met and the barrier no longer bends the solution."""
+        return self.keeps_tolerances() and self.outer.gap_is_closed(self.current.cost)
+
+    def keeps_tolerances(self) -> bool:
+        """Return whether every constraint is met."""
+        equality, inequality = self.violations(self.current)
+        return equality <= self.o.max_equality and inequality <= self.o.max_inequality
+
+    def advance(self, *, stationary: bool) -> Direction | None:
+        """Move to the next sub-problem and return its direction."""
+        at = self.current
+        self.outer.update(at.values, at.cost, self.violations(at), stationary=stationary)
+        self.inner = 0
+        self.gains = []
+        self.models = self.linearise()
+        return self.direction()
+
+    def record(self, direction: Direction, size: float) -> None:
+        """Keep and report an iteration."""
+        equality, inequality = self.violations(self.current)
+        record = Record(
+            iteration=len(self.history) + 1, cost=self.current.cost,
+            merit=self.augmented(self.current) + self.rho * self.current.gap,
+            expected=-(direction.dV1 + 0.5 * direction.dV2), max_defect=self.current.max_defect, max_equality=equality,
+            max_inequality=inequality, step_size=size, regularization=self.regularization,
+            barrier_weight=self.outer.weight, wall_s=time.perf_counter() - self.began,
+        )  # fmt: skip
+        self.history.append(record)
+        if self.report:
+            self.report(record)
+
+    # ---- one iteration
+
+    def direction(self) -> Direction | None:
+        """Return the step of the linear-quadratic model, regularised as far as it needs."""
+        while self.regularization <= self.o.max_regularization:
+            sweeps = backward(self.models, self.regularization)
+            if sweeps is not None:
+                self.sweeps = sweeps
+                direction = roll_out(self.models, sweeps)
+                if np.isfinite(direction.dV1 + direction.dV2):
+                    return direction
+            self.raise_regularization()
+        return None
+
+    def raise_regularization(self) -> None:
+        """Regularise more."""
+        self.regularization = max(4 * self.regularization, self.o.regularization)
+
+    def adapt(self, size: float) -> None:
+        """Regularise less after a good step, more after a short or failed one."""
+        self.inner += 1
+        self.step_size = size
+        if size == 0.0:
+            self.raise_regularization()
+            self.raise_regularization()
+        elif size > 0.4:
+            self.regularization = self.regularization / 4 if self.regularization > self.o.regularization else 0.0
+        elif size < 0.1:
+            self.raise_regularization()
+
+    def update_merit(self, direction: Direction) -> None:
+        """Choose the weight ρ of the defects so that the model predicts a decrease of the merit.
+
+        ρ is forgotten slowly, because a smaller one than the multipliers lets defects and cost take turns; where they
+        do, the sub-problem outlasts its iterations and the least ρ is doubled.
+        """
+        gap, change = self.current.gap, direction.dV1 + 0.5 * max(direction.dV2, 0.0)
+        needed = max(change, 0.0) / ((1 - self.o.merit_margin) * gap) if gap > 1e-12 else 0.0
+        if self.inner > 4 * self.o.max_inner and self.inner % self.o.max_inner == 0:
+            self.least_rho *= 2
+        self.rho = max(needed, 0.98 * self.rho, self.least_rho)
+
+    def search(self, direction: Direction) -> float:
+        """Return the step accepted by the merit line search, 0 if none; moves the current iterate.
+
+        A trial whose defects grew with its curvature gets a second-order correction before it is given up.
+        """
+        self.update_merit(direction)
+        gap = self.current.gap
+        before = self.augmented(self.current) + self.rho * gap
+        size = min(1.0, self.step_size / self.o.step_shrink**3) if self.step_size > 0 else 1.0
+        left = False
+        while size >= self.o.min_step:
+            expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap
+            bound = before + self.o.armijo * expected + 1e-12 * abs(before)
+            trial = self.trial(self.current.iterate, direction.dx, direction.du, size)
+            for correction in range(self.o.corrections + 1):
+                merit = self.augmented(trial) + self.rho * trial.gap
+                if not np.isfinite(merit):
+                    self.outside, left = trial.iterate, True
+                if np.isfinite(merit) and merit <= bound:
+                    self.current = trial
+                    self.outside = self.outside if left else None
+                    self.gains.append(before - merit)
+                    return size
+                blamed = np.isfinite(merit) and trial.gap > (1 - 0.9 * size) * gap
+                if not blamed or correction == self.o.corrections:
+                    break
+                trial = self.trial(trial.iterate, *close_defects(self.models, self.sweeps, trial.defects), 1.0)
+            size *= self.o.step_shrink
+        return 0.0
+
+    def trial(self, start: Iterate, dx: list[Array], du: list[Array], size: float) -> Evaluated:
+        """Return the iterate a step away."""
+        feedback = [sweep.feedback for sweep in self.sweeps]
+        return self.evaluate(move(self.evaluator, start, dx, du, size, self.shooting, feedback))
+
+
+_PATIENCE = 8  # steps that gain next to nothing before a sub-problem counts as solved
+_NEARLY_CLOSED = 0.05  # defects below this let an unsolved sub-problem be left

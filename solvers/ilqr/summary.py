@@ -1,0 +1,128 @@
+"""Accounts: what each named term of a solution cost, what each named constraint missed, and the trajectory itself."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import CompiledPhase, CompiledProblem, Constraint, PhaseTrajectory, Trajectory
+
+from ..solution import Violation
+from . import barrier
+from .iterate import Evaluator, Iterate, PhaseDual, PhaseValues
+
+Array = NDArray[np.float64]
+
+
+def term_costs(problem: CompiledProblem, values: list[PhaseValues]) -> dict[str, float]:
+    """Return the declared cost by term; terms of one name are added up."""
+    costs: dict[str, float] = {}
+    for phase, value in zip(problem.phases, values, strict=True):
+        groups = (
+            ("stage_residual", 0.5 * phase.dt * np.sum(phase.weight * value.residual**2, axis=0)),
+            ("terminal_residual", 0.5 * phase.end_weight * value.end_residual**2),
+        )
+        for group, amounts in groups:
+            for row, amount in zip(phase.mode.rows[group], amounts, strict=True):
+                name = problem.term_name(row)
+                costs[name] = costs.get(name, 0.0) + float(amount)
+    return costs
+
+
+def inequality_multipliers(value: PhaseValues, dual: PhaseDual, weight: float) -> tuple[Array, Array]:
+    """Return λ = −ε β'(g) of stages (as a rate) and of the last node."""
+    stages = -weight * barrier.slope(value.g - dual.shift, dual.relaxation)
+    return stages, -weight * barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation)
+
+
+def violations(
+    problem: CompiledProblem, values: list[PhaseValues], duals: list[PhaseDual], weight: float
+) -> tuple[Violation, ...]:
+    """Return the worst violation of each named constraint, worst first."""
+    worst: dict[tuple[str, str], Violation] = {}
+    for phase, value, dual in zip(problem.phases, values, duals, strict=True):
+        push, end_push = inequality_multipliers(value, dual, weight)
+        n = phase.num_stages
+        tables = (
+            ("stage_g", "inequality", np.maximum(-value.g, 0) * phase.g_mask, push, 0),
+            ("stage_h", "equality", np.abs(value.h) * phase.h_mask, dual.multiplier, 0),
+            ("terminal_g", "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_push[None], n),
+            ("terminal_h", "equality", (np.abs(value.end_h) * phase.end_h_mask)[None], dual.end_multiplier[None], n),
+        )
+        for group, kind, amounts, pushes, first in tables:
+            for j, row in enumerate(phase.mode.rows[group]):
+                node = int(np.argmax(amounts[:, j]))
+                amount = float(amounts[node, j])
+                name = problem.term_name(row)
+                known = worst.get((name, kind))
+                if known is None or amount > known.amount:
+                    source = (
+                        str(problem.terms[row.term].source) if row.term >= 0 else "derived from the contact sequence"
+                    )
+                    worst[name, kind] = Violation(
+                        problem.row_name(row),
+                        phase.name,
+                        first + node,
+                        amount,
+                        row.unit,
+                        kind,
+                        source,
+                        float(pushes[node, j]),
+                    )
+    return tuple(sorted(worst.values(), key=lambda v: -v.amount))
+
+
+def trajectory(evaluator: Evaluator, iterate: Iterate, values: list[PhaseValues]) -> Trajectory:
+    """Return the plain record of an iterate."""
+    parts = []
+    for phase, x, u, value in zip(evaluator.problem.phases, iterate.states, iterate.controls, values, strict=True):
+        outputs: dict[Any, Array] = {}
+        if phase.mode.outputs:
+            (stacked,) = evaluator.call(phase.mode.functions["outputs"], x[:-1], u, value.z, phase.p)
+            first = 0
+            for quantity, size in phase.mode.outputs:
+                outputs[quantity] = stacked[:, first : first + size]
+                first += size
+        parts.append(
+            PhaseTrajectory(
+                name=phase.name, mode=phase.label, model=phase.mode.model.name, times=phase.times, states=x.copy(),
+                controls=u.copy(), outputs=outputs, state=phase.mode.state, control=phase.mode.model.control,
+                ends_phase=phase.ends_phase,
+            )
+        )  # fmt: skip
+    return Trajectory(tuple(parts))
+
+
+def limits(problem: CompiledProblem) -> tuple[dict[str, Any], ...]:
+    """Return what the constraints declared - bounds, labels, parameters - as JSON-able values, for plots."""
+    out = []
+    for mode in dict.fromkeys(phase.mode for phase in problem.phases):
+        phase = next(p for p in problem.phases if p.mode is mode)
+        for k in (k for k in mode.bound if isinstance(problem.terms[k], Constraint)):
+            out.append(_limit(problem, phase, k))
+    return tuple(out)
+
+
+def _limit(problem: CompiledProblem, phase: CompiledPhase, k: int) -> dict[str, Any]:
+    term = problem.terms[k]
+    assert isinstance(term, Constraint)  # picked by the caller
+    slots, bounds = phase.mode.layout.slices, {}
+    for side in ("lower", "upper"):
+        if f"term{k}.{side}" in slots:
+            has = phase.p[0, slots[f"term{k}.has_{side}"]]
+            values = phase.p[0, slots[f"term{k}.{side}"]]
+            bounds[side] = [float(v) if h else None for v, h in zip(values, has, strict=True)]
+    rows = [
+        row
+        for group in ("stage_g", "stage_h", "terminal_g", "terminal_h")
+        for row in phase.mode.rows[group]
+        if row.term == k
+    ]
+    return {
+        "name": term.name, "kind": term.kind, "unit": term.unit, "model": phase.mode.model.name,
+        "labels": list(dict.fromkeys(row.label for row in rows)),
+        "lower": bounds.get("lower"), "upper": bounds.get("upper"),
+        "parameters": {name: value.tolist() for name, value in term.parameters.items()},
+    }  # fmt: skip

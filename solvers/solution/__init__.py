@@ -1,0 +1,9 @@
+"""What a solve returns: solution, status, iteration records, and the file that holds them."""
+
+from .parts import PhaseSolution as PhaseSolution
+from .parts import Violation as Violation
+from .record import Record as Record
+from .search_state import SearchState as SearchState
+from .search_state import is_same as is_same
+from .solution import Solution as Solution
+from .status import Status as Status

@@ -1,0 +1,162 @@
+"""Files of solutions: one ``.npz`` with a JSON header that carries a format name and version."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import FileFormatError
+from piaffe.files import write_whole
+from piaffe.ocp import Block, Manifold, PhaseTrajectory, Quantity, Trajectory
+
+from .parts import PhaseSolution, Violation
+from .record import Record
+from .search_state import SearchState
+from .status import Status
+
+FORMAT = "piaffe-solution"
+VERSION = 1
+
+Array = NDArray[np.float64]
+_ARRAYS = ("feedforward", "feedback", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu", "defects", "target_states")
+_NUMBERS = ("cost", "max_defect", "max_equality", "max_inequality", "barrier_weight", "wall_s", "compile_s")
+
+
+def _space(space: Manifold) -> list[dict[str, Any]]:
+    return [
+        {"quantity": asdict(b.quantity), "labels": b.labels, "rate_of": asdict(b.rate_of) if b.rate_of else None}
+        for b in space.blocks
+    ]
+
+
+def _read_space(blocks: list[dict[str, Any]]) -> Manifold:
+    return Manifold(
+        tuple(
+            Block(Quantity(**b["quantity"]), tuple(b["labels"]), Quantity(**b["rate_of"]) if b["rate_of"] else None)
+            for b in blocks
+        )
+    )
+
+
+def write(solution: Mapping[str, Any], path: Path) -> Path:
+    """Write a solution; the file appears whole or not at all.
+
+    Args:
+        solution: its fields by name, see :class:`Solution`.
+        path: where; ``.npz`` is added if it is missing.
+
+    Returns:
+        Where it was written.
+    """
+    arrays: dict[str, Array] = {}
+    phases = []
+    for i, (part, policy) in enumerate(zip(solution["trajectory"].phases, solution["phases"], strict=True)):
+        arrays |= {f"{i}/times": part.times, f"{i}/states": part.states, f"{i}/controls": part.controls}
+        arrays |= {f"{i}/{name}": getattr(policy, name) for name in _ARRAYS}
+        arrays |= {f"{i}/multipliers/{name}": value for name, value in policy.multipliers.items()}
+        arrays |= {f"{i}/outputs/{j}": value for j, value in enumerate(part.outputs.values())}
+        phases.append({
+            "name": part.name, "mode": part.mode, "model": part.model, "ends_phase": part.ends_phase,
+            "state": _space(part.state), "control": _space(part.control),
+            "outputs": [asdict(quantity) for quantity in part.outputs], "multipliers": list(policy.multipliers),
+        })  # fmt: skip
+    names = [field.name for field in fields(Record)]
+    arrays["history"] = np.array([[getattr(r, n) for n in names] for r in solution["history"]]).reshape(-1, len(names))
+    header = {
+        "format": FORMAT, "version": VERSION, "status": solution["status"].name, "phases": phases, "history": names,
+        "term_costs": dict(solution["term_costs"]), "violations": [asdict(v) for v in solution["violations"]],
+        "models": dict(solution["models"]), "limits": list(solution["limits"]), "fault": solution["fault"],
+        "search": None if solution["search"] is None else solution["search"].to_json(),
+        **{name: solution[name] for name in _NUMBERS},
+    }  # fmt: skip
+    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]  # numpy's stub for keyword arrays
+    write_whole(path, content.getvalue())
+    return path
+
+
+def _error(path: Path, what: str, got: object, expected: str, advice: str) -> FileFormatError:
+    return FileFormatError(f"file '{path.name}': {what} - got {got}, expected {expected}; {advice}")
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Return the fields of a solution by name.
+
+    Raises:
+        FileFormatError: the file is missing, truncated, foreign, or written by a newer version.
+    """
+    again, other = "save it again", "pass a file saved by Piaffe"
+    if not path.is_file():
+        raise _error(path, "not there", "no file", "a saved solution", "check the path")
+    try:
+        data = _arrays(path)
+    except Exception as error:  # damaged bytes raise whatever zipfile, zlib and NumPy raise for them
+        raise _error(path, "truncated or not an archive", error, "a .npz saved by Piaffe", again) from error
+    try:
+        header = json.loads(bytes(data["header"]))
+    except (KeyError, ValueError) as error:
+        wanted = f"one of format '{FORMAT}'"
+        raise _error(path, "foreign archive", "no readable header", wanted, other) from error
+    name = header.get("format") if isinstance(header, dict) else header
+    if name != FORMAT or not isinstance(header, dict):
+        raise _error(path, "foreign archive", f"format {name!r}", f"'{FORMAT}'", other)
+    version = header.get("version")
+    if not isinstance(version, int):
+        raise _error(path, "foreign archive", f"version {version!r}", "a whole number", other)
+    if version > VERSION:
+        raise _error(path, "written by a newer Piaffe", f"version {version}", f"at most {VERSION}", "upgrade Piaffe")
+    try:
+        return _assemble(header, data)
+    except KeyError as error:
+        raise _error(path, "incomplete", f"no {error}", "every array of the header", again) from error
+    except (IndexError, TypeError, ValueError, AttributeError) as error:
+        raise _error(path, "inconsistent", error, f"what version {VERSION} describes", again) from error
+
+
+def _arrays(path: Path) -> dict[str, Array]:
+    """Return the arrays of an archive; the file is read whole, so that none stays open when it is damaged."""
+    content = path.read_bytes()
+    if not content.startswith((b"PK", b"\x93NUMPY")):
+        raise ValueError("no archive" if content else "an empty file")
+    stored = np.load(io.BytesIO(content), allow_pickle=False)
+    if not isinstance(stored, np.lib.npyio.NpzFile):
+        raise ValueError("a single array")
+    with stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def _record(values: dict[str, Any]) -> Record:
+    return Record(**{**values, "iteration": int(values["iteration"])})
+
+
+def _assemble(header: dict[str, Any], data: dict[str, Array]) -> dict[str, Any]:
+    parts, policies = [], []
+    for i, phase in enumerate(header["phases"]):
+        outputs = {Quantity(**q): data[f"{i}/outputs/{j}"] for j, q in enumerate(phase["outputs"])}
+        parts.append(
+            PhaseTrajectory(
+                name=phase["name"], mode=phase["mode"], model=phase["model"], times=data[f"{i}/times"],
+                states=data[f"{i}/states"], controls=data[f"{i}/controls"], outputs=outputs,
+                state=_read_space(phase["state"]), control=_read_space(phase["control"]),
+                ends_phase=phase["ends_phase"],
+            )
+        )  # fmt: skip
+        multipliers = {name: data[f"{i}/multipliers/{name}"] for name in phase["multipliers"]}
+        policies.append(PhaseSolution(**{name: data[f"{i}/{name}"] for name in _ARRAYS}, multipliers=multipliers))
+    history = tuple(_record(dict(zip(header["history"], map(float, row), strict=True))) for row in data["history"])
+    return dict(
+        status=Status[header["status"]], trajectory=Trajectory(tuple(parts)), phases=tuple(policies), history=history,
+        term_costs=header["term_costs"], violations=tuple(Violation(**v) for v in header["violations"]),
+        models=header["models"], limits=tuple(header["limits"]), fault=header.get("fault", ""),
+        search=SearchState.from_json(header["search"]) if header.get("search") else None,
+        **{name: float(header[name]) for name in _NUMBERS},
+    )  # fmt: skip

@@ -1,0 +1,141 @@
+"""Solutions: a trajectory with the policy, value function, multipliers, history and accounts that came with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import SolverError
+from piaffe.ocp import Trajectory
+
+from . import file
+from .parts import PhaseSolution, Violation
+from .record import Record
+from .search_state import SearchState
+from .status import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The result of a solve.
+
+    Args:
+        status: how it ended.
+        trajectory: times, states, controls and outputs.
+        phases: policy, value function and multipliers, aligned with the trajectory's phases.
+        history: one record per iteration.
+        cost: declared cost, barrier and multipliers left out.
+        max_defect: ∞-norm in the tangent. max_equality, max_inequality: raw SI divided by the row's scale.
+        term_costs: what each named term cost.
+        violations: the worst violation of each named constraint, worst first.
+        barrier_weight: last ε.
+        wall_s: time of the solve [s]. compile_s: time of compilation [s].
+        models: model name → recipe. limits: what constraints declared, for plots.
+        fault: what is not finite, by function, declaration, phase, node and time; empty if nothing is.
+        search: what a warm start needs beside iterate and multipliers to go on as if the solve had not stopped.
+    """
+
+    status: Status
+    trajectory: Trajectory
+    phases: tuple[PhaseSolution, ...]
+    history: tuple[Record, ...]
+    cost: float
+    max_defect: float
+    max_equality: float
+    max_inequality: float
+    term_costs: Mapping[str, float]
+    violations: tuple[Violation, ...]
+    barrier_weight: float
+    wall_s: float
+    compile_s: float
+    models: Mapping[str, Mapping[str, Any]]
+    limits: tuple[Mapping[str, Any], ...]
+    fault: str = ""
+    search: SearchState | None = None
+
+    @property
+    def converged(self) -> bool:
+        """Whether every tolerance is met and the iterate is stationary."""
+        return self.status is Status.CONVERGED
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations."""
+        return len(self.history)
+
+    @property
+    def states(self) -> Array:
+        """States of all phases stacked; only for phases of one state size, (nodes, nx)."""
+        return np.vstack([phase.states for phase in self.trajectory.phases])
+
+    @property
+    def controls(self) -> Array:
+        """Controls of all phases stacked; only for phases of one control size, (stages, nu)."""
+        return np.vstack([phase.controls for phase in self.trajectory.phases])
+
+    def raise_if_failed(self) -> Solution:
+        """Return the solution; raise SolverError with the explanation if it has not converged."""
+        if not self.converged:
+            raise SolverError(self.explain())
+        return self
+
+    def explain(self) -> str:
+        """Say how the solve ended, what it missed, and what stands in its way."""
+        lines = [self.status.advice, *([self.fault] if self.fault else [])]
+        if self.history:
+            last = self.history[-1]
+            lines.append(
+                f"After {self.iterations} iterations: cost {self.cost:.6g}, largest defect {self.max_defect:.2e}, "
+                f"equality {self.max_equality:.2e}, inequality {self.max_inequality:.2e}; "
+                f"last step {last.step_size:.3g}, "
+                f"regularisation {last.regularization:.1e}, barrier weight {last.barrier_weight:.1e}."
+            )
+        worst = [v for v in self.violations if v.amount > 0][:5]
+        for violation in worst:
+            unit = f" {violation.unit}" if violation.unit else ""
+            lines.append(
+                f"- {violation.kind} '{violation.name}' ({violation.source}), phase '{violation.phase}', "
+                f"node {violation.node}: "
+                f"missed by {violation.amount:.3g}{unit}; it pushes with {violation.multiplier:.3g}"
+            )
+        defects = [
+            (float(np.max(np.abs(p.defects))), t.name, p.defects, t)
+            for p, t in zip(self.phases, self.trajectory.phases, strict=True)
+        ]
+        size, name, table, trajectory = max(defects, key=lambda item: item[0])
+        if not self.converged and size > 0:
+            node, row = np.unravel_index(int(np.argmax(np.abs(table))), table.shape)
+            lines.append(
+                f"- largest defect: phase '{name}', node {node}, '{trajectory.state.labels[row]}' by {size:.3g}"
+            )
+        if not self.converged and worst:
+            lines.append(
+                f"Smallest relaxation that would admit this iterate: '{worst[0].name}' by {worst[0].amount:.3g} "
+                f"{worst[0].unit}."
+            )
+        return "\n".join(lines)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the solution as one ``.npz`` with a versioned header, atomically."""
+        return file.write({entry.name: getattr(self, entry.name) for entry in fields(self)}, Path(path))
+
+    @staticmethod
+    def load(path: str | Path) -> Solution:
+        """Read a solution; raise FileFormatError for a truncated, foreign or newer file."""
+        return Solution(**file.read(Path(path)))
+
+    def __str__(self) -> str:
+        head = (
+            f"{self.status.name}: {self.iterations} iterations, {self.wall_s:.2f} s, cost {self.cost:.6g}\n"
+            f"defect {self.max_defect:.1e}, equality {self.max_equality:.1e}, inequality {self.max_inequality:.1e}"
+        )
+        terms = sorted(self.term_costs.items(), key=lambda item: -item[1])
+        body = "\n".join(f"  {value:12.6g}  {name}" for name, value in terms)
+        return f"{head}\n{body}" if self.converged else f"{head}\n{self.explain()}\n{body}"

@@ -1,0 +1,20 @@
+"""Compiled C from CasADi functions: SIMD source generator, build, cache, compilers. Knows neither problem nor robot."""
+
+from . import simd as simd
+from .build import SOLVER_FLAGS as SOLVER_FLAGS
+from .build import Built as Built
+from .build import build as build
+from .build import load as load
+from .cache import Cache as Cache
+from .cache import fault_of as fault_of
+from .compilers import NoCompilerError as NoCompilerError
+from .compilers import NoCompilerWarning as NoCompilerWarning
+from .cpu import available_cores as available_cores
+from .cpu import this_cpu as this_cpu
+from .simd import generate as generate
+from .snippets import c_library as c_library
+from .snippets import pointer as pointer
+from .snippets import side_by_side as side_by_side
+from .sources import Origin as Origin
+from .sources import Texts as Texts
+from .worker import Worker as Worker

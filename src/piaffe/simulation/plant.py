@@ -1,0 +1,80 @@
+"""A plant: MuJoCo stepped with one control at a time, and watched for divergence."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.models import Mujoco, import_mujoco
+
+Array = NDArray[np.float64]
+
+MAX_SPEED = 1e3
+"""No robot moves like this [m/s], [rad/s]; a simulation that does has lost all digits."""
+
+
+class Plant:
+    """A simulated robot in some state.
+
+    Args:
+        model: what is simulated.
+        x: its state (nx,).
+    """
+
+    def __init__(self, model: Mujoco, x: Array) -> None:
+        self._mujoco = import_mujoco()
+        compiled: Any = copy.copy(model.compiled())
+        bits = self._mujoco.mjtDisableBit
+        compiled.opt.disableflags |= int(bits.mjDSBL_AUTORESET)  # a divergence is to be seen, not started over
+        compiled.opt.disableflags &= ~int(bits.mjDSBL_WARMSTART)
+        self._compiled, self._data = compiled, self._mujoco.MjData(compiled)
+        self._data.qpos[:], self._data.qvel[:] = x[: compiled.nq], x[compiled.nq :]
+        self._steps = 0
+        self.failed = False
+
+    @property
+    def state(self) -> Array:
+        """Its state (nx,)."""
+        return np.concatenate([self._data.qpos, self._data.qvel])
+
+    def settle(self) -> None:
+        """Let the contact solver start from nothing, as it does at the start of a controller's roll-outs."""
+        self._data.qacc_warmstart[:] = 0.0
+
+    def step(self, control: Array) -> None:
+        """Make a step of the simulator with a control (nu,); a plant that has failed stands still."""
+        if self.failed or not np.all(np.isfinite(control)):
+            self.failed = True
+            return
+        data, before = self._data, self.state
+        data.ctrl[:] = control
+        with _Silence(self._mujoco):
+            self._mujoco.mj_step(self._compiled, data)
+        self._steps += 1
+        stopped = bool(data.warning.number.any()) or data.time < (self._steps - 0.5) * self._compiled.opt.timestep
+        with np.errstate(invalid="ignore"):
+            bad = not np.all(np.isfinite(self.state)) or float(np.abs(data.qvel).max(initial=0.0)) > MAX_SPEED
+        if stopped or bad:
+            self.failed = True
+            data.qpos[:], data.qvel[:] = before[: self._compiled.nq], before[self._compiled.nq :]
+
+
+class _Silence:
+    """Keeps MuJoCo from printing a line and writing a log file when it diverges; the plant counts that itself."""
+
+    def __init__(self, mujoco: Any) -> None:
+        self._mujoco = mujoco
+
+    def __enter__(self) -> None:
+        self._before = self._mujoco.get_mju_user_warning()
+        self._mujoco.set_mju_user_warning(_ignore)
+
+    def __exit__(self, *_: object) -> None:
+        self._mujoco.set_mju_user_warning(self._before)
+
+
+def _ignore(message: str) -> None:
+    """Drop a message."""

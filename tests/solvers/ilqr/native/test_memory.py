@@ -1,0 +1,67 @@
+"""The compiled solver runs clean where errors of memory show, and such errors would show."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from piaffe.codegen.compilers import NoCompilerError
+from piaffe.codegen.cpu import this_cpu
+from piaffe.ocp import compile_problem
+
+from .image import UNTOUCHED, ImageMachine
+from .memory import SMALL, TOOLS, check, missing
+from .test_solver import ALL, GCC
+
+pytestmark = pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
+
+CASES = [("sanitizers", name, this_cpu().lanes) for name in SMALL] + [("sanitizers", "rope", 1)]
+CASES += [("valgrind", name, 4) for name in SMALL]
+
+
+def needs(tool: str) -> None:
+    try:
+        lacking = missing(tool)
+    except NoCompilerError as error:
+        lacking = str(error)
+    if lacking:
+        pytest.skip(lacking)
+
+
+@pytest.mark.parametrize(("tool", "name", "width"), CASES)
+def test_nothing_is_found(tool: str, name: str, width: int) -> None:
+    needs(tool)
+    cold, warm = check(compile_problem(ALL[name]()), TOOLS[tool], width)
+    assert cold.converged
+    assert warm.converged
+    assert warm.iterations < cold.iterations
+
+
+def short(machine: ImageMachine) -> None:
+    machine.shorten(machine.arrays[0]["D"])
+
+
+def forgotten(machine: ImageMachine) -> None:
+    machine.lanes[0].blocks[0]["weight"].view(np.uint64)[:] = UNTOUCHED
+
+
+@pytest.mark.parametrize(
+    ("tool", "spoil", "told"),
+    [
+        ("sanitizers", short, "heap-buffer-overflow"),
+        ("sanitizers", forgotten, "5"),  # NOT_FINITE, as what has not been written is NaN there
+        ("valgrind", short, "Invalid (read|write) of size"),
+        ("valgrind", forgotten, "depends on uninitialised value"),
+    ],
+)
+def test_error_would_be_found(tool: str, spoil: object, told: str) -> None:
+    needs(tool)
+    with pytest.raises(AssertionError, match=told):
+        check(compile_problem(ALL["rope"]()), TOOLS[tool], TOOLS[tool].widths[0], spoil=spoil)
+
+
+def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    missing.cache_clear()
+    assert missing("valgrind") == "valgrind is not installed"
+    missing.cache_clear()

@@ -1,0 +1,43 @@
+"""The live table: redrawn on a terminal, every tenth line in a log."""
+
+from io import StringIO
+
+import pytest
+from rich.console import Console
+
+from piaffe.solvers import MSiLQR, Options
+from piaffe.viz.progress import LiveTable
+
+from ..problems import swing_up
+
+
+def test_log_gets_the_first_every_tenth_and_the_last_iteration() -> None:
+    console = Console(file=StringIO(), width=80)
+    with LiveTable(console=console) as table:
+        MSiLQR(swing_up(), Options(max_iterations=23)).solve(progress=table)
+    head, *lines = console.file.getvalue().splitlines()
+    assert head.split()[:4] == ["iteration", "cost", "expected", "defect"]
+    assert [line.split()[0] for line in lines] == ["1", "10", "20", "23"]
+    assert "[green]" not in "".join(lines)
+
+
+def test_terminal_shows_the_last_iterations() -> None:
+    console = Console(file=StringIO(), width=160, force_terminal=True)
+    with LiveTable(console=console) as table:
+        MSiLQR(swing_up(), Options(max_iterations=30)).solve(progress=table)
+    assert table.table().row_count == 16
+    assert "regularization" in console.file.getvalue()
+
+
+def test_table_is_left_when_the_solve_is_interrupted() -> None:
+    console = Console(file=StringIO(), width=80)
+    with pytest.raises(KeyboardInterrupt), LiveTable(console=console):
+        raise KeyboardInterrupt
+    assert console.file.getvalue() == ""
+
+
+def test_what_is_within_tolerance_is_green() -> None:
+    solution = MSiLQR(swing_up(), Options(max_iterations=1)).solve()
+    defect, equality = LiveTable().cells(solution.history[-1])[3:5]
+    assert not defect.startswith("[green]")
+    assert equality.startswith("[green]")
