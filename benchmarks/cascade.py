@@ -19,7 +19,7 @@ from common import arguments, begin, iteration, machine_at, middle, profile, sol
 from piaffe import models, ocp
 from piaffe.models import base, feet, joints
 from piaffe.solvers.ilqr.native.library import library_for
-from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.native.memory import SolverMemory
 
 GAITS = {
     "pace": models.gaits.pace, "flying trot": models.gaits.flying_trot, "pronk": models.gaits.pronk,
@@ -72,7 +72,7 @@ def cascade(gait: ocp.Motion, tail: float, tail_dt: float) -> ocp.CompiledProble
     return ocp.compile_problem(problem)
 
 
-def sample(machine: Machine) -> dict[str, float]:
+def sample(machine: SolverMemory) -> dict[str, float]:
     """Time the parts of an iteration and iterations of a solve, which may take several trials [s].
 
     The mean is of this thread, over those after the first; the median is of those accepted, on the clock.

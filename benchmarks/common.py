@@ -22,7 +22,7 @@ from piaffe import ocp, solvers
 from piaffe.codegen.build import EXPRESSION_FLAGS, Built
 from piaffe.codegen.cpu import this_cpu
 from piaffe.solvers.ilqr.native.library import KERNEL_FLAGS, library_for
-from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.native.memory import SolverMemory
 from piaffe.solvers.ilqr.outer import Outer
 
 RESULTS = Path(__file__).with_name("results")
@@ -64,16 +64,16 @@ def machine_at(
     width: int | None = None,
     states: Sequence[np.ndarray] | None = None,
     controls: Sequence[np.ndarray] | None = None,
-) -> Machine:
+) -> SolverMemory:
     """Return a machine with model and sweep at an iterate, by default the initial guess."""
-    machine = Machine(problem, library_for(problem, width=width)[0], solvers.Options())
+    machine = SolverMemory(problem, library_for(problem, width=width)[0], solvers.Options())
     begin(machine, states, controls)
     solve(machine, 0)  # evaluate, accept, linearise, sweep, and no step
     return machine
 
 
 def begin(
-    machine: Machine, states: Sequence[np.ndarray] | None = None, controls: Sequence[np.ndarray] | None = None
+    machine: SolverMemory, states: Sequence[np.ndarray] | None = None, controls: Sequence[np.ndarray] | None = None
 ) -> None:
     """Lay an iterate (by default the initial guess) and fresh multipliers into a machine."""
     problem = machine.problem
@@ -86,7 +86,7 @@ def begin(
         machine.trial(i, "u")[:] = (phase.guess_controls if controls is None else controls[i]).ravel()
 
 
-def solve(machine: Machine, iterations: int) -> float:
+def solve(machine: SolverMemory, iterations: int) -> float:
     """Solve from what was laid in; return seconds of this thread, none of them spent waiting for a processor."""
     machine.c.options.max_iterations = iterations
     machine.c.cancel = 0
@@ -95,12 +95,12 @@ def solve(machine: Machine, iterations: int) -> float:
     return time.thread_time() - began
 
 
-def steps(machine: Machine) -> list[float]:
+def steps(machine: SolverMemory) -> list[float]:
     """Return the step of each iteration of the last solve; 0 where none was accepted."""
     return [machine.history[j].step_size for j in range(machine.c.num_records)]
 
 
-def profile(machine: Machine, repetitions: int = 1) -> dict[str, float]:
+def profile(machine: SolverMemory, repetitions: int = 1) -> dict[str, float]:
     """Return the least seconds of each part of an iteration."""
     seconds = (ct.c_double * len(PARTS))()
     machine.library.piaffe_profile(ct.byref(machine.c), repetitions, seconds)
@@ -112,7 +112,7 @@ def iteration(parts: Mapping[str, float]) -> float:
     return sum(parts[name] for name in PARTS)
 
 
-def busy_iteration(machine: Machine, calls: int) -> float:
+def busy_iteration(machine: SolverMemory, calls: int) -> float:
     """Return seconds of this thread that an iteration takes, without those spent waiting for a processor."""
     spent = []
     for repetitions in (1, 1 + calls):

@@ -201,7 +201,7 @@ def main() -> None:
         "--random", action="store_true", help="random weights of the published size, not the file's value"
     )
     parser.add_argument(
-        "--engines", nargs="+", choices=("lanes", "native", "mjx"), default=["lanes", "native"],
+        "--engines", nargs="+", choices=("simd", "native", "mjx"), default=["simd", "native"],
         help="mjx is on the processor that JAX has, and compiles for a minute per size",
     )  # fmt: skip
     parser.add_argument("--only", default="", help="settings whose line in the table contains this text")
@@ -212,7 +212,7 @@ def main() -> None:
         file = None
     elif file is None and declared.value is not None and (declared.path.parent / declared.value).exists():
         file = declared.path.parent / declared.value
-    made = [replace(setting, engine=engine) for engine in ("lanes", "native") for setting in SETTINGS]
+    made = [replace(setting, engine=engine) for engine in ("simd", "native") for setting in SETTINGS]
     settings = [s for s in (*made, *ON_JAX) if s.engine in given.engines and given.only in str(s)]
     if not settings:
         parser.error(f"--only {given.only!r} leaves no setting of the engines {given.engines}")

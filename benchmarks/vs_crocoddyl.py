@@ -30,7 +30,7 @@ from piaffe.models import base, joints
 from piaffe.ocp import rotation
 from piaffe.solvers.ilqr.iterate import Evaluator, solve_nodes
 from piaffe.solvers.ilqr.native.library import library_for
-from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.native.memory import SolverMemory
 
 Array = NDArray[np.float64]
 
@@ -218,7 +218,7 @@ def their_sample(parts: dict[str, Callable[[], Any]]) -> dict[str, float]:
     return {**sample, "whole iteration": sum(sample[name] for name in in_turn)}
 
 
-def our_sample(machine: Machine) -> dict[str, float]:
+def our_sample(machine: SolverMemory) -> dict[str, float]:
     """Time our parts [s on the clock], the least of a few calls each, under Crocoddyl's headings."""
     parts = profile(machine, CALLS)
     evaluation = parts["evaluation"] + parts["sums"]
@@ -238,7 +238,7 @@ def their_solve(solver: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequence[Ar
     return thread_time() - began
 
 
-def our_solve(machine: Machine, iterations: int) -> float:
+def our_solve(machine: SolverMemory, iterations: int) -> float:
     """Return seconds of a solve by Piaffe, of this thread."""
     begin(machine)
     return solve(machine, iterations)
@@ -249,7 +249,9 @@ def each(solve: Callable[[int], float]) -> float:
     return (solve(SOLVE_ITERATIONS) - solve(1)) / (SOLVE_ITERATIONS - 1)
 
 
-def require_full_steps(fddp: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequence[Array], machine: Machine) -> None:
+def require_full_steps(
+    fddp: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequence[Array], machine: SolverMemory
+) -> None:
     """Raise unless both solvers take every iteration of the solve with one trial."""
     log = crocoddyl.CallbackLogger()
     fddp.setCallbacks([log])
@@ -261,7 +263,7 @@ def require_full_steps(fddp: crocoddyl.SolverFDDP, x: Sequence[Array], u: Sequen
         raise SystemExit(f"not the same iterations: got steps {taken}, expected {SOLVE_ITERATIONS} of 1 each")
 
 
-def compare(name: str, repeats: int) -> tuple[dict[str, Any], Machine]:
+def compare(name: str, repeats: int) -> tuple[dict[str, Any], SolverMemory]:
     """Return all that is to say of one robot, and a machine."""
     robot = models.load(name)
     ours = our_problem(robot)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
-from piaffe.ocp import Block, Manifold, ModelBase, Node, Notice, Path, Quantity, Sample, Slot, rotation
+from piaffe.ocp import Block, Manifold, ModelBase, Node, Path, ProblemWarning, Quantity, Sample, Slot, rotation
 
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate
@@ -20,7 +20,7 @@ from .robot import Robot
 from .robots import robot_recipe
 from .stance import Stance, stance
 from .terrain import Terrain
-from .warnings import keyframe_notices
+from .warnings import keyframe_warnings
 
 Array = NDArray[np.float64]
 
@@ -139,9 +139,9 @@ class LeggedModel(ModelBase):
         """Translate a keyframe's entries to quantities, see :func:`piaffe.models.postures.translate`."""
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
-    def notices(self, path: object) -> list[Notice]:
+    def warnings(self, path: object) -> list[ProblemWarning]:
         """Return warnings about keyframes, see :mod:`piaffe.models.warnings`."""
-        return keyframe_notices(self.robot, self.resolve, path) if isinstance(path, Path) else []
+        return keyframe_warnings(self.robot, self.resolve, path) if isinstance(path, Path) else []
 
     def planar_frame(self, sample: Sample) -> tuple[float, float, float]:
         """Return x, y [m] and yaw [rad] of the base."""

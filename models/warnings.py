@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from piaffe.ocp import Interval, Keyframes, Notice, Path, Sample, placed_phases
+from piaffe.ocp import Keyframes, Path, PlacedPhase, ProblemWarning, Sample, placed_phases
 
 from .postures import SHORT_NAMES
 from .quantities import base, joints
@@ -39,7 +39,7 @@ class Knot:
         named: what the keyframe names.
     """
 
-    interval: Interval
+    interval: PlacedPhase
     sample: Sample
     stance: tuple[str, ...]
     landing: tuple[str, ...]
@@ -57,7 +57,7 @@ class Knot:
         return bool(self.named & _POSE) and joints.position in self.sample
 
 
-def keyframe_notices(robot: Robot, resolve: Callable[[Hashable], Stance], path: Path) -> list[Notice]:
+def keyframe_warnings(robot: Robot, resolve: Callable[[Hashable], Stance], path: Path) -> list[ProblemWarning]:
     """Return warnings about the keyframes of a motion; pieces that follow another reference have none.
 
     Args:
@@ -66,7 +66,7 @@ def keyframe_notices(robot: Robot, resolve: Callable[[Hashable], Stance], path: 
         path: the motion's path.
     """
     knots = list(_knots(resolve, path))
-    found: list[Notice] = []
+    found: list[ProblemWarning] = []
     for knot in knots:
         if knot.has_pose:
             found += _limits(robot, knot)
@@ -98,17 +98,17 @@ def _knots(resolve: Callable[[Hashable], Stance], path: Path) -> Iterator[Knot]:
 # ---- one keyframe
 
 
-def _limits(robot: Robot, knot: Knot) -> Iterator[Notice]:
+def _limits(robot: Robot, knot: Knot) -> Iterator[ProblemWarning]:
     """Yield joints that are beyond their limits."""
     angles = knot.sample[joints.position]
     beyond = np.flatnonzero((angles < robot.joint_lower - 1e-6) | (angles > robot.joint_upper + 1e-6))
     if len(beyond) and knot.named & {"joints", joints.position.path}:
         got = ", ".join(f"{robot.joint_names[i]} at {angles[i]:.3f} rad" for i in beyond)
         allowed = ", ".join(f"{robot.joint_lower[i]:.3f} to {robot.joint_upper[i]:.3f} rad" for i in beyond)
-        yield Notice(knot.where, f"joint beyond its limit - got {got}, expected {allowed}; bend it less")
+        yield ProblemWarning(knot.where, f"joint beyond its limit - got {got}, expected {allowed}; bend it less")
 
 
-def _feet(robot: Robot, knot: Knot) -> Iterator[Notice]:
+def _feet(robot: Robot, knot: Knot) -> Iterator[ProblemWarning]:
     """Yield feet that stand or land but are held off the ground."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, _configuration(robot, knot.sample)[0])
@@ -118,14 +118,14 @@ def _feet(robot: Robot, knot: Knot) -> Iterator[Notice]:
         off = {name: height for name, height in heights.items() if abs(height) > OFF_GROUND}
         if off:
             got = ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
-            yield Notice(
+            yield ProblemWarning(
                 knot.where,
                 f"{what} foot held off the ground - got {got}, expected within {OFF_GROUND} m; move the base or bend "
                 "the leg",
             )
 
 
-def _torques(robot: Robot, knot: Knot) -> Iterator[Notice]:
+def _torques(robot: Robot, knot: Knot) -> Iterator[ProblemWarning]:
     """Yield joints that cannot hold the pose still, whatever the distribution of forces among the feet."""
     if not knot.stance:
         return
@@ -134,7 +134,7 @@ def _torques(robot: Robot, knot: Knot) -> Iterator[Notice]:
     if len(beyond):
         got = ", ".join(f"{robot.joint_names[i]} {abs(torque[i]):.1f} Nm" for i in beyond)
         allowed = ", ".join(f"{robot.torque_limit[i]:.1f} Nm" for i in beyond)
-        yield Notice(
+        yield ProblemWarning(
             knot.where,
             f"static torque beyond the limit - got {got} to hold still on {' '.join(knot.stance)}, expected at most "
             f"{allowed}; straighten the legs or put more feet on the ground",
@@ -175,7 +175,7 @@ def static_torques(robot: Robot, q: Array, feet: tuple[str, ...]) -> Array:
 # ---- several keyframes
 
 
-def _flights(robot: Robot, path: Path, knots: list[Knot]) -> Iterator[Notice]:
+def _flights(robot: Robot, path: Path, knots: list[Knot]) -> Iterator[ProblemWarning]:
     """Yield keyframes that lie off the flight which the others of the same time in the air have left to choose.
 
     Between two keyframes there is always a flight; a third, or a velocity that is given, leaves none to choose.
@@ -191,7 +191,7 @@ def _flights(robot: Robot, path: Path, knots: list[Knot]) -> Iterator[Notice]:
             airborne = []
 
 
-def _flight(robot: Robot, path: Path, airborne: list[Knot]) -> Iterator[Notice]:
+def _flight(robot: Robot, path: Path, airborne: list[Knot]) -> Iterator[ProblemWarning]:
     """Yield what is off one flight over consecutive phases without contact."""
     first = airborne[0].interval
     knots = [knot for knot in airborne if knot.named & _POSE]
@@ -218,7 +218,7 @@ def _flight(robot: Robot, path: Path, airborne: list[Knot]) -> Iterator[Notice]:
         knot = knots[worst - 1] if worst else knots[0]
         actual = places[worst, 2] + 0.5 * times[worst] ** 2 * gravity[2]
         side = "high" if missed[worst, 2] > 0 else "low"
-        yield Notice(
+        yield ProblemWarning(
             knot.where,
             f"no ballistic flight joins the keyframes - got a height of {actual:.3f} m for the centre of mass after "
             f"{times[worst]:.3f} s in the air, expected {actual - missed[worst, 2]:.3f} m: "
@@ -226,7 +226,7 @@ def _flight(robot: Robot, path: Path, airborne: list[Knot]) -> Iterator[Notice]:
         )
 
 
-def _take_off(robot: Robot, path: Path, first: Interval) -> Array | None:
+def _take_off(robot: Robot, path: Path, first: PlacedPhase) -> Array | None:
     """Return the velocity of the centre of mass at the beginning of a flight if it is given, (3,) [m/s]."""
     if first.start == 0.0:
         start = getattr(path.placed[0].reference, "start", {})

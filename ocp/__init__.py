@@ -1,6 +1,7 @@
 """The language: models, phases, motions, terms, schedules and problems, and the compiler that lowers them."""
 
-from .compiler import Batch as Batch
+from piaffe.errors import renamed as _renamed
+
 from .compiler import CompiledPhase as CompiledPhase
 from .compiler import CompiledProblem as CompiledProblem
 from .compiler import LoweredMode as LoweredMode
@@ -9,6 +10,7 @@ from .compiler import NamedNumber as NamedNumber
 from .compiler import NodeNumbers as NodeNumbers
 from .compiler import Nodes as Nodes
 from .compiler import Row as Row
+from .compiler import Vectorised as Vectorised
 from .compiler import check_guess as check_guess
 from .compiler import check_numbers as check_numbers
 from .compiler import check_value as check_value
@@ -30,7 +32,6 @@ from .language import Dynamics as Dynamics
 from .language import Free as Free
 from .language import FromArrays as FromArrays
 from .language import FromTrajectory as FromTrajectory
-from .language import Interval as Interval
 from .language import Keyframe as Keyframe
 from .language import Keyframes as Keyframes
 from .language import Manifold as Manifold
@@ -39,15 +40,16 @@ from .language import ModelBase as ModelBase
 from .language import Motion as Motion
 from .language import Node as Node
 from .language import NodeView as NodeView
-from .language import Notice as Notice
 from .language import Objective as Objective
 from .language import Parameter as Parameter
 from .language import Path as Path
 from .language import Phase as Phase
 from .language import PhaseTrajectory as PhaseTrajectory
 from .language import Piece as Piece
+from .language import PlacedPhase as PlacedPhase
 from .language import PlanarFrame as PlanarFrame
 from .language import Problem as Problem
+from .language import ProblemWarning as ProblemWarning
 from .language import Quantities as Quantities
 from .language import Quantity as Quantity
 from .language import QuantityGroup as QuantityGroup
@@ -91,8 +93,13 @@ from .reports import Miss as Miss
 from .reports import Verification as Verification
 from .reports import check_derivatives as check_derivatives
 from .reports import describe as describe
+from .reports import find_warnings as find_warnings
 from .reports import half_turns as half_turns
-from .reports import notices as notices
 from .reports import quantity_values as quantity_values
 from .reports import report as report
 from .reports import verify as verify
+
+__getattr__ = _renamed(
+    __name__,
+    {"Batch": "piaffe.ocp.Vectorised", "notices": "piaffe.ocp.find_warnings", "Notice": "piaffe.ocp.ProblemWarning"},
+)

@@ -37,7 +37,7 @@ class Options:
         violation_rate: τ of the moving maximum of each violation.
         violation_floor: least moving maximum, in units of the row's scale: smaller violations are discounted less.
         seed: of the perturbations.
-        engine: rolls out: ``"native"`` (mujoco.rollout on threads), ``"lanes"`` (MuJoCo's step in SIMD lanes, for feet
+        engine: rolls out: ``"native"`` (mujoco.rollout on threads), ``"simd"`` (MuJoCo's step in SIMD lanes, for feet
             on planes and boxes), ``"mjx"`` (JAX), or ``"auto"``: lanes where they have all that the model needs.
         threads: of roll-outs and evaluation; None for one per core.
     """
@@ -57,7 +57,7 @@ class Options:
     violation_rate: float = 0.5
     violation_floor: float = 1e-3
     seed: int = 0
-    engine: Literal["auto", "native", "lanes", "mjx"] = "auto"
+    engine: Literal["auto", "native", "simd", "mjx"] = "auto"
     threads: int | None = None
 
     def __post_init__(self) -> None:
@@ -76,8 +76,10 @@ class Options:
         for name, choices in (
             ("noise", ("factors", "exponential")),
             ("shift", ("step", "elapsed")),
-            ("engine", ("auto", "native", "lanes", "mjx")),
+            ("engine", ("auto", "native", "simd", "mjx")),
         ):
+            if (name, getattr(self, name)) == ("engine", "lanes"):
+                self._refuse(name, "'simd', its name now")
             if getattr(self, name) not in choices:
                 self._refuse(name, " or ".join(f"'{choice}'" for choice in choices))
         shares = self.p_max.values() if isinstance(self.p_max, Mapping) else (self.p_max,)

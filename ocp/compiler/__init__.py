@@ -21,4 +21,4 @@ from .nodes import NodeNumbers as NodeNumbers
 from .nodes import Nodes as Nodes
 from .timeline import whole_steps as whole_steps
 from .transition import LoweredTransition as LoweredTransition
-from .vectorised import Batch as Batch
+from .vectorised import Vectorised as Vectorised

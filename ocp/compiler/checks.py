@@ -17,7 +17,7 @@ from ..language import ByPhase, Constraint, Cost, ModelBase, Motion, Quantity, S
 from .compiled import CompiledPhase, CompiledProblem
 from .mode import Row
 from .transition import LoweredTransition
-from .vectorised import Batch
+from .vectorised import Vectorised
 
 if TYPE_CHECKING:
     from ..language import Problem
@@ -297,7 +297,7 @@ class _Values(Mapping[str, Array]):
     """A function's outputs at nodes, by name: (n, rows, cols) of matrices, (n, rows) of columns."""
 
     def __init__(self, function: cs.Function, *arguments: Array) -> None:
-        self._batch = Batch(function)
+        self._batch = Vectorised(function)
         self._nonzeros = dict(zip(self._batch.names, self._batch.nonzeros(*arguments), strict=True))
 
     def __getitem__(self, name: str) -> Array:

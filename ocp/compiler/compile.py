@@ -22,11 +22,11 @@ from ..language import (
     At,
     Constraint,
     Cost,
-    Interval,
     ModelBase,
     Node,
     Path,
     Phase,
+    PlacedPhase,
     Problem,
     Quantity,
     ResetMap,
@@ -40,9 +40,9 @@ from .finite import check_numbers
 from .lowering import LEFT_OUT, lower_mode
 from .mode import LoweredMode
 from .numbers import Numbers
-from .timeline import Stretch, check_passed, covers, lay
+from .timeline import HorizonPhase, check_passed, covers, lay
 from .transition import LoweredTransition, lower_transition
-from .vectorised import Batch
+from .vectorised import Vectorised
 
 Array = NDArray[np.float64]
 Term = Cost | Constraint
@@ -97,9 +97,9 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
     began = time.perf_counter()
     misses = _lower.cache_info().misses + _link.cache_info().misses
     compilation = Compilation(problem)
-    stretches = lay(compilation.path, problem.schedule, t0)
-    phases = tuple(compilation.phase(i, stretches) for i in range(len(stretches)))
-    compilation.check_bound(phases, complete=covers(problem.motion, stretches))
+    spans = lay(compilation.path, problem.schedule, t0)
+    phases = tuple(compilation.phase(i, spans) for i in range(len(spans)))
+    compilation.check_bound(phases, complete=covers(problem.motion, spans))
     built = _lower.cache_info().misses + _link.cache_info().misses - misses
     compiled = CompiledProblem(
         phases=phases,
@@ -140,32 +140,32 @@ class Compilation:
         self.unbound: dict[tuple[str, int], str] = {}
         self.numbers = Numbers(problem, self.terms, self.scopes)
         self._lowered: dict[tuple[Segment, str], LoweredMode] = {}
-        self._weights: dict[LoweredMode, tuple[Batch, Batch]] = {}
+        self._weights: dict[LoweredMode, tuple[Vectorised, Vectorised]] = {}
         self._modes: dict[tuple[ModelBase, int, int], tuple[Hashable, Hashable | None]] = {}
         check_names(problem, self.terms)
 
     # ---- one phase
 
-    def phase(self, i: int, stretches: list[Stretch]) -> CompiledPhase:
+    def phase(self, i: int, spans: list[HorizonPhase]) -> CompiledPhase:
         """Return the i-th flat phase."""
-        stretch = stretches[i]
-        segment, model = stretch.segment, stretch.model
-        follower = stretches[i + 1] if i + 1 < len(stretches) else None
-        mode_now, mode = self.resolve(model, stretch.interval.phase), self.mode(stretch)
-        n = stretch.num_stages
-        times: Array = stretch.start + segment.dt * np.arange(n + 1.0)
-        spans = self.path.intervals(stretch.end + 1e-6)
-        check_passed(stretch, spans)
-        inside = [stretch.interval_at(t, spans) for t in times[:-1]]
-        inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else stretch.interval)
+        span = spans[i]
+        segment, model = span.segment, span.model
+        follower = spans[i + 1] if i + 1 < len(spans) else None
+        mode_now, mode = self.resolve(model, span.interval.phase), self.mode(span)
+        n = span.num_stages
+        times: Array = span.start + segment.dt * np.arange(n + 1.0)
+        placed = self.path.intervals(span.end + 1e-6)
+        check_passed(span, placed)
+        inside = [span.interval_at(t, placed) for t in times[:-1]]
+        inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else span.interval)
         samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
         ending: set[At] = {"running"}
-        if stretch.ends_phase:
+        if span.ends_phase:
             ending.add("phase_end")
         if follower is None:
             ending.add("end")
         nodes = [
-            self.node(stretch, t, interval, sample, is_end=k == n)
+            self.node(span, t, interval, sample, is_end=k == n)
             for k, (t, interval, sample) in enumerate(zip(times, inside, samples, strict=True))
         ]
         p = np.empty((n + 1, mode.layout.size))
@@ -176,22 +176,22 @@ class Compilation:
         p[n:] = self.numbers.of_nodes(mode, segment.dt, nodes[n:], inside[n].phase, frozenset(ending))
         stage_w, terminal_w = self.weights(mode)
         stage, end = stage_w(p[:-1]), terminal_w(p[-1:])
-        transition, p_transition, resets = self.transition(stretch, follower, mode.key, samples[-1])
-        states, controls = self.guess(model, stretch, samples, i == 0)
+        transition, p_transition, resets = self.transition(span, follower, mode.key, samples[-1])
+        states, controls = self.guess(model, span, samples, i == 0)
         return CompiledPhase(
-            name=stretch.interval.phase.name,
+            name=span.interval.phase.name,
             label=str(mode_now) if model.cut_by_modes else SCHEDULED,
-            interval=stretch.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1],
+            interval=span.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1],
             weight=stage[0], g_mask=stage[1], h_mask=stage[2],
             end_weight=end[0][0], end_g_mask=end[1][0], end_h_mask=end[2][0],
-            ends_phase=stretch.ends_phase, transition=transition, p_transition=p_transition, resets=resets,
+            ends_phase=span.ends_phase, transition=transition, p_transition=p_transition, resets=resets,
             guess_states=states, guess_controls=controls,
         )  # fmt: skip
 
-    def mode(self, stretch: Stretch) -> LoweredMode:
-        """Return the lowered mode of a stretch."""
-        segment, model = stretch.segment, stretch.model
-        key = model.mode_key(self.resolve(model, stretch.interval.phase))
+    def mode(self, span: HorizonPhase) -> LoweredMode:
+        """Return the lowered mode of a span."""
+        segment, model = span.segment, span.model
+        key = model.mode_key(self.resolve(model, span.interval.phase))
         if (segment, key) not in self._lowered:
             excluded = frozenset(k for k, term in enumerate(self.terms) if term in segment.excluded)
             lowered = _lower(_Structure(model, key, self._shape, excluded, self.terms))
@@ -203,10 +203,10 @@ class Compilation:
     def _shape(self) -> tuple[Hashable, ...]:
         return tuple(term.structure() for term in self.terms)
 
-    def weights(self, mode: LoweredMode) -> tuple[Batch, Batch]:
+    def weights(self, mode: LoweredMode) -> tuple[Vectorised, Vectorised]:
         """Return what gives the weights and masks of a mode's stages and of its last nodes."""
         if mode not in self._weights:
-            self._weights[mode] = Batch(mode.functions["stage_w"]), Batch(mode.functions["terminal_w"])
+            self._weights[mode] = Vectorised(mode.functions["stage_w"]), Vectorised(mode.functions["terminal_w"])
         return self._weights[mode]
 
     def resolve(self, model: ModelBase, phase: Phase) -> Hashable:
@@ -216,45 +216,45 @@ class Compilation:
         except (ModelError, ProblemError) as error:
             raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
 
-    def neighbour(self, model: ModelBase, interval: Interval | None) -> Hashable | None:
+    def neighbour(self, model: ModelBase, interval: PlacedPhase | None) -> Hashable | None:
         """Return the mode of a phase before or after in a model's terms; None if it has none or another model's."""
         try:
             return None if interval is None else model.resolve(interval.phase.mode)
         except (ModelError, ProblemError):
             return None
 
-    def node(self, stretch: Stretch, t: float, interval: Interval, sample: Sample, *, is_end: bool) -> Node:
+    def node(self, span: HorizonPhase, t: float, interval: PlacedPhase, sample: Sample, *, is_end: bool) -> Node:
         """Return the context in which a model is asked its numbers."""
-        model = stretch.model
+        model = span.model
         key = (model, interval.piece, interval.index)
         if key not in self._modes:
             earlier = self.path.interval_before(interval.start) if interval.start > 0 else None
             self._modes[key] = self.resolve(model, interval.phase), self.neighbour(model, earlier)
         now, before = self._modes[key]
-        after = self.neighbour(model, stretch.following) if is_end else None
-        steps = round((t - interval.start) / stretch.segment.dt)
+        after = self.neighbour(model, span.following) if is_end else None
+        steps = round((t - interval.start) / span.segment.dt)
         return Node(t, now, after, sample, before, steps)
 
     # ---- between phases
 
     def transition(
-        self, stretch: Stretch, follower: Stretch | None, key: str, sample: Sample
+        self, span: HorizonPhase, follower: HorizonPhase | None, key: str, sample: Sample
     ) -> tuple[LoweredTransition | None, Array, bool]:
-        """Return the transition to the next stretch, its parameters and whether it does anything."""
+        """Return the transition to the next span, its parameters and whether it does anything."""
         if follower is None:
             return None, np.zeros(0), False
-        model, ending = stretch.model, self.path.interval_before(stretch.end)
+        model, ending = span.model, self.path.interval_before(span.end)
         phase = ending.phase
-        user = phase.reset if stretch.ends_phase else None
+        user = phase.reset if span.ends_phase else None
         where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
         lowered = _link(_Link(model, key, follower.model, user, where))
-        node = self.node(stretch, stretch.end, ending, sample, is_end=True)
+        node = self.node(span, span.end, ending, sample, is_end=True)
         moves = user is not None or model is not follower.model or model.lands(node)
-        return lowered, self.numbers.of_transition(lowered, stretch.segment.dt, node), moves
+        return lowered, self.numbers.of_transition(lowered, span.segment.dt, node), moves
 
     # ---- the initial guess
 
-    def guess(self, model: ModelBase, stretch: Stretch, samples: list[Sample], is_first: bool) -> tuple[Array, Array]:
+    def guess(self, model: ModelBase, span: HorizonPhase, samples: list[Sample], is_first: bool) -> tuple[Array, Array]:
         """Return states and controls along the path; what it lacks keeps its start (or is zero)."""
         rows: dict[Quantity, Array] = {}
         for block in model.state.blocks:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..language import Constraint, Cost, Interval, Path, Phase
+from ..language import Constraint, Cost, Path, Phase, PlacedPhase
 from .mode import LoweredMode, Row
 from .transition import LoweredTransition
 
@@ -42,7 +42,7 @@ class CompiledPhase:
 
     name: str
     label: str
-    interval: Interval
+    interval: PlacedPhase
     mode: LoweredMode
     dt: float
     times: Array

@@ -30,7 +30,7 @@ from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 from ..language import Cost, numbers_of
 from .compiled import CompiledPhase, CompiledProblem
 from .layout import Layout
-from .vectorised import Batch
+from .vectorised import Vectorised
 
 Array = NDArray[np.float64]
 
@@ -268,7 +268,7 @@ def _name(compiled: CompiledProblem, names: list[str], model: str, slot: str) ->
 def _evaluate(function: cs.Function, p: Array) -> list[Array]:
     """Return weights and masks; instances are made in several threads, and buffers are not shared between them."""
     if not hasattr(_OWN, "batches"):
-        _OWN.batches = lru_cache(maxsize=64)(Batch)
+        _OWN.batches = lru_cache(maxsize=64)(Vectorised)
     results: list[Array] = _OWN.batches(function)(p)
     return results
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
 
-from ..language import At, Interval, Problem, Sample, model_of
+from ..language import At, PlacedPhase, Problem, Sample, model_of
 from .compile import RUNNING, Compilation, nowhere
 from .lowering import LEFT_OUT
 from .mode import LoweredMode
-from .timeline import Stretch
+from .timeline import HorizonPhase
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ class Nodes:
         self._path = self._compilation.path
         self.terms = self._compilation.terms
         first = self._path.interval_at(0.0)
-        self._stretch = Stretch(segment, first, 0.0, 1, False, None)
+        self._stretch = HorizonPhase(segment, first, 0.0, 1, False, None)
         self.mode: LoweredMode = self._compilation.mode(self._stretch)
         for k, why in self.mode.unbound.items():
             if why != LEFT_OUT:
@@ -96,7 +96,7 @@ class Nodes:
         self._fill(k + 1)
         return self._samples[k]
 
-    def interval(self, k: int) -> Interval:
+    def interval(self, k: int) -> PlacedPhase:
         """Return the phase at node k; the later one on a boundary, the last one beyond the motion's end."""
         return self._path.interval_at(self._time(k))
 

@@ -8,13 +8,13 @@ import numpy as np
 
 from piaffe.errors import ProblemError
 
-from ..language import Interval, ModelBase, Motion, Path, Schedule, Segment, model_of
+from ..language import ModelBase, Motion, Path, PlacedPhase, Schedule, Segment, model_of
 
 _TINY = 1e-7  # [s] two times closer than this are one
 
 
 @dataclass(frozen=True)
-class Stretch:
+class HorizonPhase:
     """A part of the horizon with one model and time step, and (if modes cut the model) one motion phase.
 
     Args:
@@ -27,11 +27,11 @@ class Stretch:
     """
 
     segment: Segment
-    interval: Interval
+    interval: PlacedPhase
     start: float
     num_stages: int
     ends_phase: bool
-    following: Interval | None
+    following: PlacedPhase | None
 
     @property
     def model(self) -> ModelBase:
@@ -43,7 +43,7 @@ class Stretch:
         """Time of the last node [s]."""
         return self.start + self.num_stages * self.segment.dt
 
-    def interval_at(self, t: float, intervals: list[Interval]) -> Interval:
+    def interval_at(self, t: float, intervals: list[PlacedPhase]) -> PlacedPhase:
         """Return the motion phase of a stage that begins at t; the later one on a boundary."""
         if self.model.cut_by_modes:
             return self.interval
@@ -67,8 +67,8 @@ def whole_steps(length: float, dt: float, where: str) -> int:
     )
 
 
-def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
-    """Return the stretches of a horizon that begins at t0 [s] (snapped to the first model's dt)."""
+def lay(path: Path, schedule: Schedule, t0: float) -> list[HorizonPhase]:
+    """Return the spans of a horizon that begins at t0 [s] (snapped to the first model's dt)."""
     total = path.duration
     dt0 = schedule.segments[0].dt
     t = round(t0 / dt0) * dt0 if np.isfinite(t0) else t0
@@ -77,7 +77,7 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
             f"horizon: start is outside the motion - got t0 = {t0:g} s, expected 0 ≤ t0 < {total:g} s; choose one "
             "inside"
         )
-    stretches: list[Stretch] = []
+    spans: list[HorizonPhase] = []
     for segment in schedule.segments:
         where = f"schedule ({segment.source}), model '{model_of(segment).name}'"
         if segment.duration is None:
@@ -107,26 +107,26 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[Stretch]:
             last = path.interval_before(stop)
             ends = abs(last.end - stop) < _TINY
             following = path.interval_at(stop) if ends and stop < total - _TINY else None
-            stretches.append(Stretch(segment, interval, t, steps, ends, following))
+            spans.append(HorizonPhase(segment, interval, t, steps, ends, following))
             t = stop
-    return stretches
+    return spans
 
 
-def covers(motion: Motion, stretches: list[Stretch]) -> bool:
+def covers(motion: Motion, spans: list[HorizonPhase]) -> bool:
     """Return whether a horizon covers a motion, or at least one cycle of an endless one."""
     length = sum(phase.duration for piece in motion.pieces for phase in piece.phases)
-    return stretches[0].start < _TINY and stretches[-1].end > length - _TINY
+    return spans[0].start < _TINY and spans[-1].end > length - _TINY
 
 
-def check_passed(stretch: Stretch, intervals: list[Interval]) -> None:
+def check_passed(span: HorizonPhase, intervals: list[PlacedPhase]) -> None:
     """Raise if a model that modes do not cut runs past a phase end at which something was declared to happen."""
     for interval in intervals:
-        phase, inside = interval.phase, stretch.start + _TINY < interval.end < stretch.end - _TINY
+        phase, inside = interval.phase, span.start + _TINY < interval.end < span.end - _TINY
         if inside and (phase.reset is not None or phase.until):
             what = "reset" if phase.reset is not None else "until"
-            name = stretch.model.name
+            name = span.model.name
             raise ProblemError(
                 f"phase '{phase.name}' ({phase.source}): model '{name}' runs on past its end - got a {what} at "
-                f"{interval.end:g} s, within {name}'s {stretch.start:g} to {stretch.end:g} s, "
+                f"{interval.end:g} s, within {name}'s {span.start:g} to {span.end:g} s, "
                 "expected none there; remove it, or let another model cover the phase's end"
             )

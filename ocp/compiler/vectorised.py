@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 _BLOCK = 8  # nodes per call of CasADi; a map of every number of nodes would take longer to make than to evaluate
 
 
-class Batch:
+class Vectorised:
     """A CasADi function evaluated over n nodes.
 
     Outputs named ``K`` or ending in ``_w``, ``_z``, ``_x`` are matrices, (n, rows, cols); all others are columns,

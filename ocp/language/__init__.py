@@ -7,7 +7,7 @@ from .manifold import Manifold as Manifold
 from .model import Dynamics as Dynamics
 from .model import ModelBase as ModelBase
 from .model import Node as Node
-from .model import Notice as Notice
+from .model import ProblemWarning as ProblemWarning
 from .model import Quantities as Quantities
 from .model import Reset as Reset
 from .model import Sample as Sample
@@ -25,8 +25,8 @@ from .phase import Phase as Phase
 from .phase import ResetMap as ResetMap
 from .phase import reset as reset
 from .piece import BoundReference as BoundReference
-from .piece import Interval as Interval
 from .piece import Piece as Piece
+from .piece import PlacedPhase as PlacedPhase
 from .piece import Reference as Reference
 from .piece import placed_phases as placed_phases
 from .problem import Problem as Problem

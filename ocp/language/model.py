@@ -128,7 +128,7 @@ class Reset:
 
 
 @dataclass(frozen=True)
-class Notice:
+class ProblemWarning:
     """A warning about a motion, shown by ``describe`` and ``check``."""
 
     where: str
@@ -222,7 +222,7 @@ class ModelBase(ABC):
         """Return (x, y, yaw) of the frame that a motion is carried along with; the origin for models without one."""
         return (0.0, 0.0, 0.0)
 
-    def notices(self, path: object) -> list[Notice]:
+    def warnings(self, path: object) -> list[ProblemWarning]:
         """Return warnings about a motion's targets, given the ``ocp.path.Path`` that they follow."""
         return []
 

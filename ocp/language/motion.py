@@ -13,7 +13,7 @@ from .frame import ORIGIN
 from .model import ModelBase, Sample
 from .path import Path, PlacedPiece
 from .phase import Phase
-from .piece import Interval, Piece, Reference, placed_phases
+from .piece import Piece, PlacedPhase, Reference, placed_phases
 from .reference import FromTrajectory, Keyframes
 from .source import Source, caller
 from .trajectory import SCHEDULED, Trajectory
@@ -132,7 +132,7 @@ class Motion:
         """Length [s]; infinite if cyclic."""
         return sum(piece.duration for piece in self.pieces)
 
-    def intervals(self) -> Iterator[Interval]:
+    def intervals(self) -> Iterator[PlacedPhase]:
         """Yield the phases on the time axis, for ever if the motion is endless."""
         return placed_phases(self.pieces)
 

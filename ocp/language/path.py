@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from .model import Sample
-from .piece import BoundReference, Interval, Piece, placed_phases
+from .piece import BoundReference, Piece, PlacedPhase, placed_phases
 
 
 @dataclass(frozen=True)
@@ -35,20 +35,20 @@ class Path:
         """Length of the motion [s]; infinite if it is cyclic."""
         return sum(piece.duration for piece in self.pieces)
 
-    def sample(self, t: float, interval: Interval) -> Sample:
+    def sample(self, t: float, interval: PlacedPhase) -> Sample:
         """Return the targets at time t [s] as seen from within a phase (which decides the side of a jump)."""
         piece = self.placed[interval.piece]
         return piece.reference.sample(t - piece.start, interval.index)
 
-    def intervals(self, until: float) -> list[Interval]:
+    def intervals(self, until: float) -> list[PlacedPhase]:
         """Return the phases that begin before a time [s]."""
         return self._walk.before(until)
 
-    def interval_at(self, t: float) -> Interval:
+    def interval_at(self, t: float) -> PlacedPhase:
         """Return the phase at time t; the later one on a boundary, the last one beyond the end."""
         return self._walk.at(t)
 
-    def interval_before(self, t: float) -> Interval:
+    def interval_before(self, t: float) -> PlacedPhase:
         """Return the phase that ends at or contains time t; the earlier one on a boundary."""
         return self._walk.before(t)[-1]
 
@@ -65,11 +65,11 @@ class _Walk:
         self._found = [next(self._rest)]
         self._starts = [self._found[0].start]
 
-    def at(self, t: float) -> Interval:
+    def at(self, t: float) -> PlacedPhase:
         self._reach(t)
         return self._found[max(bisect_right(self._starts, t, key=lambda start: start - _SAME), 1) - 1]
 
-    def before(self, t: float) -> list[Interval]:
+    def before(self, t: float) -> list[PlacedPhase]:
         self._reach(t)
         return self._found[: bisect_left(self._starts, t - _SAME)]
 

@@ -74,7 +74,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Interval:
+class PlacedPhase:
     """A phase on the time axis: of which piece, which one in it, from when to when [s]."""
 
     phase: Phase
@@ -84,10 +84,10 @@ class Interval:
     end: float
 
 
-def placed_phases(pieces: Iterable[Piece]) -> Iterator[Interval]:
+def placed_phases(pieces: Iterable[Piece]) -> Iterator[PlacedPhase]:
     """Yield the phases of pieces on the time axis, for ever if the last piece is endless."""
     t = 0.0
     for number, piece in enumerate(pieces):
         for index, phase in enumerate(piece.unrolled()):
-            yield Interval(phase, number, index, t, t + phase.duration)
+            yield PlacedPhase(phase, number, index, t, t + phase.duration)
             t += phase.duration

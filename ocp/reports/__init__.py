@@ -12,5 +12,5 @@ from .verify import Miss as Miss
 from .verify import Verification as Verification
 from .verify import quantity_values as quantity_values
 from .verify import verify as verify
+from .warnings import find_warnings as find_warnings
 from .warnings import half_turns as half_turns
-from .warnings import notices as notices

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import Batch, CompiledPhase, CompiledProblem, LoweredMode, LoweredTransition, solve_implicit
+from ..compiler import CompiledPhase, CompiledProblem, LoweredMode, LoweredTransition, Vectorised, solve_implicit
 from .differences import STEP, Difference, differences_of, rate_of
 from .verify import solve
 
@@ -118,7 +118,7 @@ def _stage(
     z = solve(f["implicit"], x, u, p)
     if not np.all(np.isfinite(z)):
         return
-    stage, implicit, stage_d = (Batch(f[name]) for name in ("stage", "implicit", "stage_d"))
+    stage, implicit, stage_d = (Vectorised(f[name]) for name in ("stage", "implicit", "stage_d"))
     xn = space.np_plus(stage(x[None], u[None], z[None], p[None])[0][0], 0.05 * rng.standard_normal(ndx))
 
     def values(w: Array, solved: bool) -> list[Array]:
@@ -156,8 +156,8 @@ def _terminal(
     mode, p = phase.mode, phase.p_end
     space = mode.state
     x = space.np_plus(phase.guess_states[k], size * rng.standard_normal(space.ndx))
-    terminal = Batch(mode.functions["terminal"])
-    jacobians = Batch(mode.functions["terminal_d"])(x[None], p[None])
+    terminal = Vectorised(mode.functions["terminal"])
+    jacobians = Vectorised(mode.functions["terminal_d"])(x[None], p[None])
     differences = differences_of(lambda w: terminal(space.np_plus(x, w), np.tile(p, (len(w), 1))), np.ones(space.ndx))
     for name, J, difference in zip(("residual", "g", "h"), jacobians, differences, strict=True):
         yield from _compare(compiled, mode, f"terminal_{name}", f"end {name}", J[0], difference, (space.ndx, 0), _NOISE)
@@ -173,7 +173,7 @@ def _reset(
     z = solve(f["implicit"], x, p)
     if not np.all(np.isfinite(z)):
         return
-    implicit, reset, reset_d = (Batch(f[name]) for name in ("implicit", "reset", "reset_d"))
+    implicit, reset, reset_d = (Vectorised(f[name]) for name in ("implicit", "reset", "reset_d"))
     xn = after.np_plus(reset(x[None], z[None], p[None])[0][0], 0.05 * rng.standard_normal(after.ndx))
 
     def values(w: Array, solved: bool) -> list[Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..compiler import CompiledProblem
 from ..language import Constraint
-from .warnings import notices
+from .warnings import find_warnings
 
 
 def _table(head: list[str], rows: list[list[str]]) -> list[str]:
@@ -52,7 +52,7 @@ def describe(compiled: CompiledProblem) -> str:
     lines += _table(
         ["term", "kind", "at", "unit", "rows", "bound in", "phases", "not bound because", "declared"], terms
     )
-    warnings = notices(compiled)
+    warnings = find_warnings(compiled)
     if warnings:
         lines += ["", "warnings", "--------"] + [f"{n.where}: {n.text}" for n in warnings]
     return "\n".join(lines)

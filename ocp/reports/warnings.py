@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import CompiledPhase, CompiledProblem, Guess, Row
-from ..language import Notice
+from ..language import ProblemWarning
 
 Array = NDArray[np.float64]
 
@@ -20,10 +20,10 @@ TOLERANCE = 1e-3
 """By how much the initial state may break a constraint, over the row's scale, before it is reported."""
 
 
-def notices(compiled: CompiledProblem) -> list[Notice]:
+def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
     """Return the warnings that ``describe`` and ``check`` show: the models' own, and those of the initial guess."""
     models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
-    found = [notice for model in models for notice in model.notices(compiled.path)] + broken_at_start(compiled)
+    found = [warning for model in models for warning in model.warnings(compiled.path)] + broken_at_start(compiled)
     guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
     if guesses:
         stages = {phase: guess.stage["residual"] for phase, guess in guesses.items()}
@@ -35,7 +35,7 @@ def notices(compiled: CompiledProblem) -> list[Notice]:
     return list(dict.fromkeys(found))
 
 
-def broken_at_start(compiled: CompiledProblem) -> list[Notice]:
+def broken_at_start(compiled: CompiledProblem) -> list[ProblemWarning]:
     """Return a warning per constraint on the state that the initial state breaks: no control can mend it there.
 
     Args:
@@ -53,7 +53,7 @@ def broken_at_start(compiled: CompiledProblem) -> list[Notice]:
         for term, i in worst.items():
             row, declared = phase.mode.rows[f"stage_{kind}"][i], compiled.terms[term]
             found.append(
-                Notice(
+                ProblemWarning(
                     f"term '{compiled.row_name(row)}' ({declared.source}), phase '{phase.name}', node 0",
                     f"the initial state breaks it - got it missed by {missed[i] * row.scale:.3g} {row.unit}".rstrip()
                     + ", expected a start that meets it; no control can mend that: move the start or the bound, or "
@@ -63,7 +63,7 @@ def broken_at_start(compiled: CompiledProblem) -> list[Notice]:
     return found
 
 
-def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequence[Array]) -> list[Notice]:
+def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequence[Array]) -> list[ProblemWarning]:
     """Return a warning per term and phase whose orientation residual comes within ``NEAR_HALF_TURN`` of π.
 
     Args:
@@ -84,7 +84,7 @@ def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequenc
                 if angles[node] > np.pi - NEAR_HALF_TURN:
                     declared = compiled.terms[term]
                     found.append(
-                        Notice(
+                        ProblemWarning(
                             f"term '{declared.name}' ({declared.source}), phase '{phase.name}', node {first + node}",
                             f"the residual is near half a turn - got {angles[node]:.2f} rad, expected less than "
                             f"{np.pi - NEAR_HALF_TURN:.2f} rad; beyond π it pulls the other way round: add a keyframe "

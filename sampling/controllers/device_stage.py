@@ -46,7 +46,7 @@ class Staged:
     maxima: Any
 
 
-class FusedStage:
+class DeviceStage:
     """Roll-out, cost, discount, value and softmax of a controller's stage, compiled as one.
 
     A stage is what :class:`MPPI` computes in NumPy from given samples, with the discount and the value of

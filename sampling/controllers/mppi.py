@@ -26,7 +26,7 @@ from .plan import Plan
 from .spline import Spline
 
 if TYPE_CHECKING:
-    from .device_stage import FusedStage
+    from .device_stage import DeviceStage
 
 Array = NDArray[np.float64]
 
@@ -212,10 +212,10 @@ class MPPI:
         return np.array(staged.nodes), Rolled(k, states, cost, None, violation, failed, returns, weights)
 
     @cached_property
-    def _fused(self) -> FusedStage:
-        from .device_stage import FusedStage  # it knows values, whose learning imports this module
+    def _fused(self) -> DeviceStage:
+        from .device_stage import DeviceStage  # it knows values, whose learning imports this module
 
-        return FusedStage(self, spread=_SPREAD)
+        return DeviceStage(self, spread=_SPREAD)
 
     def _moving_maxima(self) -> Array | None:
         """Return the moving maxima of the violations, (nc,), for those who discount them."""

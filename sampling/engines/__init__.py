@@ -4,9 +4,9 @@
 engine      how                                                                  needs
 ==========  ===================================================================  ======================
 ``native``  MuJoCo in C, samples spread over threads                             nothing
-``lanes``   MuJoCo's step as generated C in SIMD lanes over samples, on threads  a C compiler
+``simd``   MuJoCo's step as generated C in SIMD lanes over samples, on threads  a C compiler
 ``mjx``     MuJoCo XLA: all samples at once on a CPU or a GPU                    ``piaffe[sampling]``
-``auto``    ``lanes`` where it has all that the model needs, else ``native``     nothing
+``auto``    ``simd`` where it has all that the model needs, else ``native``     nothing
 ==========  ===================================================================  ======================
 """
 
@@ -20,19 +20,19 @@ from piaffe.errors import SamplingError
 from .engine import MAX_SPEED, Engine, Rollouts, Simulated
 from .mjx import MjxEngine
 from .native import NativeEngine
-from .simd import DifferentError, LanesEngine
+from .simd import DifferentError, SimdEngine
 
-EngineName = Literal["auto", "native", "lanes", "mjx"]
+EngineName = Literal["auto", "native", "simd", "mjx"]
 
 __all__ = [
     "MAX_SPEED",
     "DifferentError",
     "Engine",
     "EngineName",
-    "LanesEngine",
     "MjxEngine",
     "NativeEngine",
     "Rollouts",
+    "SimdEngine",
     "Simulated",
     "engine_for",
 ]
@@ -43,9 +43,9 @@ def engine_for(model: Simulated, name: EngineName = "auto", *, threads: int | No
 
     Args:
         model: what to simulate, as ``models.Mujoco``.
-        name: ``"auto"``, ``"native"``, ``"lanes"`` or ``"mjx"``.
+        name: ``"auto"``, ``"native"``, ``"simd"`` or ``"mjx"``.
         threads: of the engines in C; one per core by default. XLA has its own.
-        **options: of the engine's class; with ``"auto"`` what both :class:`NativeEngine` and :class:`LanesEngine` have.
+        **options: of the engine's class; with ``"auto"`` what both :class:`NativeEngine` and :class:`SimdEngine` have.
 
     Raises:
         SamplingError: there is no such engine, it has not what the model or it needs.
@@ -53,16 +53,18 @@ def engine_for(model: Simulated, name: EngineName = "auto", *, threads: int | No
     """
     if name == "mjx":
         return MjxEngine(model, **options)
-    if name == "lanes":
-        return LanesEngine(model, threads=threads, **options)
+    if name == "simd":
+        return SimdEngine(model, threads=threads, **options)
     if name == "auto":
         try:
-            return LanesEngine(model, threads=threads, **options)
+            return SimdEngine(model, threads=threads, **options)
         except DifferentError as error:
             warnings.warn(f"rolling out with MuJoCo itself, five times slower: {error}", stacklevel=2)
         except SamplingError:
             pass  # what it does not simulate, MuJoCo does
     if name in ("auto", "native"):
         return NativeEngine(model, threads=threads, **options)
+    if str(name) == "lanes":
+        raise SamplingError("rollouts: engine was renamed - got 'lanes', expected 'simd', its name now; use that")
     known = ", ".join(f"'{known}'" for known in get_args(EngineName))
     raise SamplingError(f"rollouts: engine is unknown - got {name!r}, expected one of {known}; choose one")

@@ -16,7 +16,7 @@ from piaffe.codegen import (
     SOLVER_FLAGS,
     NoCompilerError,
     Origin,
-    Texts,
+    Sources,
     available_cores,
     build,
     generate,
@@ -49,7 +49,7 @@ class DifferentError(SamplingError):
     """The engine in lanes does not simulate what the installed MuJoCo does."""
 
 
-class LanesEngine(Engine):
+class SimdEngine(Engine):
     """Simulates as many samples at once as a processor's vectors hold, on threads.
 
     The step is MuJoCo's for what legged robots need: a floating base with hinges and position or torque actuators,
@@ -159,15 +159,15 @@ def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     """Return the library of a scene, and how many lanes it has."""
     template = files(__package__).joinpath("template", "simulate.c").read_text(encoding="utf-8")
 
-    def texts() -> Texts:
+    def texts() -> Sources:
         made = generate({"smooth": text.smooth})
         units = [*((unit.name, unit.text) for unit in made.units), ("simulate", template)]
-        return Texts(units, {**made.headers, "scene.h": text.header}, {"simulate": SOLVER_FLAGS})
+        return Sources(units, {**made.headers, "scene.h": text.header}, {"simulate": SOLVER_FLAGS})
 
-    # Texts that are short, and what the long one follows from. Were a module forgotten here, a library that its change
-    # has outdated would be noticed when it is compared with MuJoCo.
+    # Sources that are short, and what the long one follows from. If a module is missing here, a library that is older
+    # than its change is found when it is compared with MuJoCo.
     makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
-    parts = [template, text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.LANES_H, *makers]
+    parts = [template, text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.SIMD_H, *makers]
     built = build(Origin(parts, texts), width=width, label="rollouts in lanes")
     loaded = load(built)
     loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long

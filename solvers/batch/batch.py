@@ -32,16 +32,16 @@ from ..ilqr import (
     STATUS,
     Backend,
     Evaluator,
-    Machine,
     Options,
     Outer,
     Run,
+    SolverMemory,
     WarmStart,
     assemble,
     fault,
     first_iterate,
     iterate_from,
-    native_machine,
+    native_memory,
     read_iterate,
     read_outer,
     read_search,
@@ -106,13 +106,13 @@ def solve_batch(
     compiled = compile_problem(problem) if isinstance(problem, Problem) else problem
     check_numbers(compiled)
     batch = _Batch(compiled, initial_states, parameters or {}, warm_start, options or Options(), gains)
-    machine = native_machine(compiled, batch.options) if backend == "native" else None
-    if machine is None:
+    memory = native_memory(compiled, batch.options) if backend == "native" else None
+    if memory is None:
         used = 1
         batch.solve_in_numpy(progress)
     else:
         used = min(threads or available_cores(), batch.size)
-        batch.solve_in_c(machine, used, progress)
+        batch.solve_in_c(memory, used, progress)
     return batch.recorder.solution(time.perf_counter() - began, used)
 
 
@@ -226,15 +226,15 @@ class _Batch:
 
     # ---- in C, over threads
 
-    def solve_in_c(self, machine: Machine, threads: int, progress: Callable[[int, int], None] | None) -> None:
+    def solve_in_c(self, memory: SolverMemory, threads: int, progress: Callable[[int, int], None] | None) -> None:
         """Solve every instance; Ctrl-C and errors end the batch once every thread has stopped."""
-        machines = [machine] + [Machine(self.compiled, machine.origin, self.options) for _ in range(threads - 1)]
+        memories = [memory] + [SolverMemory(self.compiled, memory.origin, self.options) for _ in range(threads - 1)]
         stop, errors = threading.Event(), list[BaseException]()
         following, told = iter(range(self.size)), 0
         lock = threading.Lock()
         self.done = 0
 
-        def work(own: Machine) -> None:
+        def work(own: SolverMemory) -> None:
             try:
                 while not stop.is_set():
                     with lock:
@@ -247,7 +247,7 @@ class _Batch:
                 errors.append(error)
                 stop.set()
 
-        workers = [Worker(partial(work, own)) for own in machines]
+        workers = [Worker(partial(work, own)) for own in memories]
         try:
             for worker in workers:
                 worker.start()
@@ -263,40 +263,40 @@ class _Batch:
             pass
         finally:
             stop.set()
-            for own in machines:
+            for own in memories:
                 own.c.cancel = 1
             for worker in workers:
                 worker.wait_out()
         if errors:
             raise errors[0]
 
-    def _solve_one_in_c(self, machine: Machine, i: int, stop: threading.Event) -> bool:
+    def _solve_one_in_c(self, memory: SolverMemory, i: int, stop: threading.Event) -> bool:
         """Solve instance i; return whether it was not begun because the batch is to stop."""
         began, warm = time.perf_counter(), self.warm[i]
         problem = self.instance(i)
-        machine.renumber(problem)
+        memory.renumber(problem)
         outer = Outer(problem, self.options)
         if warm is not None:
             outer.resume(warm)
-        resumed = write(machine, iterate_from(problem, warm), outer, warm)
+        resumed = write(memory, iterate_from(problem, warm), outer, warm)
         if stop.is_set():  # asked after write(), which clears the wish to stop
             return False
-        c, r = machine.c, self.recorder
-        status = STATUS[machine.library.piaffe_solve(ct.byref(c), resumed)]
-        read_outer(machine, outer)
-        r.search[i] = read_search(machine)
+        c, r = memory.c, self.recorder
+        status = STATUS[memory.library.piaffe_solve(ct.byref(c), resumed)]
+        read_outer(memory, outer)
+        r.search[i] = read_search(memory)
         r.numbers["cost"][i], r.numbers["max_defect"][i] = c.cost, c.max_defect
         r.numbers["max_equality"][i], r.numbers["max_inequality"][i] = c.max_equality, c.max_inequality
-        iterate = read_iterate(machine, machine.accepted)
+        iterate = read_iterate(memory, memory.accepted)
         for k, (x, u) in enumerate(zip(iterate.states, iterate.controls, strict=True)):
             r.put(k, i, states=x, controls=u)
         iterations = c.num_records
         if status is Status.NOT_FINITE:
-            outside = read_iterate(machine, machine.outside) if c.blocked else None
-            r.faults[i] = fault(Evaluator(problem), iterate, outside) or machine.fault()
+            outside = read_iterate(memory, memory.outside) if c.blocked else None
+            r.faults[i] = fault(Evaluator(problem), iterate, outside) or memory.fault()
         if r.gains:
-            found = machine.library.piaffe_policy(ct.byref(c))
-            for k, own in enumerate(machine.arrays):
+            found = memory.library.piaffe_policy(ct.byref(c))
+            for k, own in enumerate(memory.arrays):
                 r.put(k, i, feedforward=np.where(found, own["k"], 0.0), feedback=np.where(found, own["K"], 0.0))
         self._keep(i, outer, status, iterations, time.perf_counter() - began)
         return True

@@ -5,8 +5,8 @@ from .iterate import Evaluator as Evaluator
 from .ms_ilqr import MSiLQR as MSiLQR
 from .native import STATUS as STATUS
 from .native import Backend as Backend
-from .native import Machine as Machine
-from .native import native_machine as native_machine
+from .native import SolverMemory as SolverMemory
+from .native import native_memory as native_memory
 from .native import read_iterate as read_iterate
 from .native import read_outer as read_outer
 from .native import read_search as read_search

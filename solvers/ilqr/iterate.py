@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import Batch, CompiledPhase, CompiledProblem
+from piaffe.ocp import CompiledPhase, CompiledProblem, Vectorised
 
 from . import barrier
 from .riccati import LqPhase
@@ -87,12 +87,12 @@ class Evaluator:
 
     def __init__(self, problem: CompiledProblem) -> None:
         self.problem = problem
-        self._batches: dict[int, Batch] = {}
+        self._batches: dict[int, Vectorised] = {}
 
     def call(self, function: Any, *arguments: Array) -> list[Array]:
         """Evaluate a CasADi function over stacked nodes."""
         if id(function) not in self._batches:
-            self._batches[id(function)] = Batch(function)
+            self._batches[id(function)] = Vectorised(function)
         return self._batches[id(function)](*arguments)
 
     def values(self, i: int, x: Array, u: Array) -> PhaseValues:

@@ -16,7 +16,7 @@ from piaffe.ocp import CompiledProblem, Problem, check_numbers, compile_problem,
 from ..solution import Record, Solution, Status
 from .fault import fault
 from .iterate import Evaluator, Iterate
-from .native import Backend, drive, native_machine
+from .native import Backend, drive, native_memory
 from .options import Options
 from .result import assemble
 from .rollout import move
@@ -56,13 +56,13 @@ class MSiLQR:
         self.options = options or Options()
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
         self.evaluator = Evaluator(self.problem)
-        self.machine = native_machine(self.problem, self.options, building) if backend == "native" else None
+        self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()
 
     @property
     def backend(self) -> Backend:
         """Which implementation solves: ``"numpy"`` also where no compiler was found."""
-        return "numpy" if self.machine is None else "native"
+        return "numpy" if self.memory is None else "native"
 
     def solve(
         self,
@@ -118,8 +118,8 @@ class MSiLQR:
         if from_earlier is not None:
             run.resume(from_earlier)
         try:
-            if self.machine is not None and all(f.all() for f in flags):
-                status = drive(self.machine, run, from_earlier, progress)
+            if self.memory is not None and all(f.all() for f in flags):
+                status = drive(self.memory, run, from_earlier, progress)
             else:
                 status = run.loop()
         except KeyboardInterrupt:
@@ -128,8 +128,8 @@ class MSiLQR:
         if status is not Status.NOT_FINITE:
             return solution
         found = fault(self.evaluator, run.current.iterate, run.outside)
-        if not found and self.machine is not None:
-            found = self.machine.fault()
+        if not found and self.memory is not None:
+            found = self.memory.fault()
         return replace(solution, fault=found)
 
     def start(self, warm_start: Solution | None) -> Iterate:

@@ -1,8 +1,8 @@
 """Errors of Piaffe: each says where, what is wrong, what was got and expected, and what to do."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
-from typing import Self
+from typing import Never, Self
 
 
 class PiaffeError(Exception):
@@ -59,3 +59,21 @@ class SolverError(PiaffeError, RuntimeError):
 
 class SamplingError(PiaffeError, RuntimeError):
     """A sampling controller, a roll-out or a value function was asked for something that it cannot do."""
+
+
+def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Never]:
+    """Return a module's ``__getattr__`` that says the new name of what was renamed.
+
+    Args:
+        module: its dotted name.
+        names: old name → what to use now, as ``{"Batch": "piaffe.ocp.Vectorised"}``.
+    """
+
+    def __getattr__(name: str) -> Never:
+        if name in names:
+            raise AttributeError(
+                f"module '{module}': '{name}' was renamed - got '{name}', expected '{names[name]}'; use that"
+            )
+        raise AttributeError(f"module '{module}' has no attribute '{name}'")
+
+    return __getattr__

@@ -1,4 +1,4 @@
-"""Texts become a library once; compilers are found, put to the test, and quoted when they refuse."""
+"""Sources become a library once; compilers are found, put to the test, and quoted when they refuse."""
 
 import ctypes
 import os
@@ -22,7 +22,7 @@ from piaffe.codegen.cache import Cache
 from piaffe.codegen.compilers import NoCompilerError
 from piaffe.codegen.cpu import this_cpu
 from piaffe.codegen.processes import CompileError
-from piaffe.codegen.sources import Origin, Texts
+from piaffe.codegen.sources import Origin, Sources
 from piaffe.errors import SolverError
 from piaffe.solvers.ilqr.native.program import MAKERS
 
@@ -156,7 +156,7 @@ def test_flags_keep_to_ieee_754_and_this_processor() -> None:
 
 
 def test_every_ingredient_is_part_of_the_key() -> None:
-    texts = Texts(UNITS, HEADER, {"width": ("-O1",)})
+    texts = Sources(UNITS, HEADER, {"width": ("-O1",)})
     recipe = _Recipe(_origin(texts), ("-O1",), ("-lm",), 4, "1")
     compiler = compilers.Compiler(("gcc",), "gcc", "gcc 12")
     cpu = this_cpu()
@@ -180,16 +180,16 @@ def test_every_ingredient_is_part_of_the_key() -> None:
     assert VERSION
 
 
-def _origin(texts: Texts) -> Origin:
+def _origin(texts: Sources) -> Origin:
     return Origin(texts.parts, lambda: texts)
 
 
 def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
     made: list[int] = []
 
-    def texts() -> Texts:
+    def texts() -> Sources:
         made.append(1)
-        return Texts([("one", "int one(void) { return 1; }")])
+        return Sources([("one", "int one(void) { return 1; }")])
 
     first, second, other = (build(Origin(parts, texts)) for parts in (["a"], ["a"], ["b"]))
     assert (first.built, second.built, other.built) == (True, False, True)
@@ -214,7 +214,7 @@ def test_what_makes_a_solver_s_texts_is_in_their_origin() -> None:
         ({"units": [("../a", "")]}, "got ['../a'], expected"),
         ({"units": [("a", "")], "headers": {"/etc/a.h": ""}}, "got ['/etc/a.h'], expected"),
         ({"units": [("a", "")], "flags_per_unit": {"b": []}}, "got ['b'], expected names of units ['a']"),
-        ({"units": Origin(["a"], lambda: Texts([("a", "")])), "headers": {"a.h": ""}}, "got them as arguments"),
+        ({"units": Origin(["a"], lambda: Sources([("a", "")])), "headers": {"a.h": ""}}, "got them as arguments"),
         ({"units": [("a", "")], "width": 3}, "width - got 3, expected 1, 2, 4 or 8"),
     ],
 )

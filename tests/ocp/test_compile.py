@@ -7,7 +7,7 @@ import pytest
 from piaffe import models, ocp
 from piaffe.errors import ProblemError, ShapeError
 from piaffe.models import base, feet, joints, stance
-from piaffe.ocp import Batch
+from piaffe.ocp import Vectorised
 
 CHEETAH = models.load("mini_cheetah")
 BODY = models.WholeBody(CHEETAH)
@@ -102,7 +102,7 @@ def test_rows_are_margins_divided_by_the_scale():
     row = ocp.inequality(height, upper=2.0, lower=-1.0, scale=0.1)
     mode = ball(rows=[row]).phases[0].mode
     compiled = ball(rows=[row])
-    *_, g, _ = Batch(mode.functions["stage"])(
+    *_, g, _ = Vectorised(mode.functions["stage"])(
         np.array([[0.5, 0.0]]), np.zeros((1, 1)), np.zeros((1, 0)), compiled.phases[0].p[:1]
     )
     assert g[0] == pytest.approx([15.0, 15.0])
@@ -125,9 +125,9 @@ def test_bounds_that_exclude_each_other():
 def test_the_discrete_step_and_its_derivatives():
     mode = ball().phases[0].mode
     x, u, z, p = np.array([[1.0, 2.0]]), np.array([[3.0]]), np.zeros((1, 0)), ball().phases[0].p[:1]
-    step = Batch(mode.functions["stage"])(x, u, z, p)[0]
+    step = Vectorised(mode.functions["stage"])(x, u, z, p)[0]
     assert step[0] == pytest.approx([1.04, 2.0 + 0.02 * (3.0 - 9.81)])
-    d_w = Batch(mode.functions["stage_d"])(x, u, z, p, step)[1]
+    d_w = Vectorised(mode.functions["stage_d"])(x, u, z, p, step)[1]
     assert d_w[0] == pytest.approx(np.array([[1, 0.02, 0], [0, 1, 0.02]]))
 
 
@@ -270,7 +270,7 @@ def test_a_term_binds_to_every_model_that_has_its_quantity():
 def test_states_that_a_reset_leaves_out_are_kept():
     bounce = ocp.reset(lambda s: {"vz": -0.5 * s.vz})
     drop, rise = ball(phases=(ocp.Phase("drop", "fall", 0.4, reset=bounce), RISE)).phases
-    (after,) = Batch(drop.transition.functions["reset"])(
+    (after,) = Vectorised(drop.transition.functions["reset"])(
         np.array([[0.1, -4.0]]), np.zeros((1, 0)), drop.p_transition[None]
     )
     assert after[0] == pytest.approx([0.1, 2.0])
@@ -280,7 +280,7 @@ def test_states_that_a_reset_leaves_out_are_kept():
 
 def test_phases_without_a_reset_are_joined():
     drop, _ = ball().phases
-    (after,) = Batch(drop.transition.functions["reset"])(
+    (after,) = Vectorised(drop.transition.functions["reset"])(
         np.array([[0.1, -4.0]]), np.zeros((1, 0)), drop.p_transition[None]
     )
     assert after[0] == pytest.approx([0.1, -4.0])
@@ -364,7 +364,7 @@ def test_parameters_reach_terms_and_resets():
     assert changed.lowered == 0
     assert part(changed.phases[0], "parameter.gap")[3].tolist() == [0.3]
     x, p = np.array([[0.0, -4.0]]), changed.phases[0].p_transition[None]
-    assert Batch(drop.transition.functions["reset"])(x, np.zeros((1, 0)), p)[0][0] == pytest.approx([0.0, 2.0])
+    assert Vectorised(drop.transition.functions["reset"])(x, np.zeros((1, 0)), p)[0][0] == pytest.approx([0.0, 2.0])
     assert problem.parameters == {}
 
 

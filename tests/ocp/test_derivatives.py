@@ -11,7 +11,7 @@ import pytest
 from piaffe import models, ocp
 from piaffe.models import constraints, stance
 from piaffe.ocp.compiler.compiled import CompiledProblem
-from piaffe.ocp.compiler.vectorised import Batch
+from piaffe.ocp.compiler.vectorised import Vectorised
 from piaffe.ocp.reports.derivative_check import Finding, check_derivatives
 
 ROBOTS = ("mini_cheetah", "solo12", "go2", "anymal_c")
@@ -188,7 +188,7 @@ def test_every_shipped_constraint_is_among_those_compared() -> None:
 @pytest.mark.parametrize("name", ["whole body of mini_cheetah", "ball with a reset"])
 def test_at_the_guess_derivatives_are_left_out_only_of_a_smooth_implicit_part(name: str) -> None:
     phase = compiled(name).phases[0]
-    stage_d, guess_d = (Batch(phase.mode.functions[key]) for key in ("stage_d", "guess_d"))
+    stage_d, guess_d = (Vectorised(phase.mode.functions[key]) for key in ("stage_d", "guess_d"))
     z = np.full((phase.num_stages, phase.mode.nz), 0.3)
     x = phase.guess_states
     every, some = (f(x[:-1], phase.guess_controls, z, phase.p, x[1:]) for f in (stage_d, guess_d))

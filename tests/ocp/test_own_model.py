@@ -8,7 +8,7 @@ import pytest
 
 from piaffe import ocp
 from piaffe.errors import ProblemError, UnknownNameError
-from piaffe.ocp import Batch, rotation
+from piaffe.ocp import Vectorised, rotation
 
 
 def mode_of(model, key="go", *terms, rows=(), dt=0.1):
@@ -27,7 +27,7 @@ def mode_of(model, key="go", *terms, rows=(), dt=0.1):
 def step(model, x, u=(), dt=0.1):
     phase = mode_of(model, dt=dt)
     arguments = (np.atleast_2d(x), np.zeros((1, 0)) if not len(u) else np.atleast_2d(u), np.zeros((1, 0)), phase.p[:1])
-    return Batch(phase.mode.functions["stage"])(*arguments)[0][0]
+    return Vectorised(phase.mode.functions["stage"])(*arguments)[0][0]
 
 
 def oscillator(integrator):
@@ -97,7 +97,7 @@ def test_further_quantities_are_tracked_and_constrained():
     )  # fmt: skip
     row = ocp.inequality(lambda s: s.both, upper=20.0)
     phase = mode_of(model, "go", ocp.track("energy", to=5.0), rows=[row])
-    _, residual, g, _ = Batch(phase.mode.functions["stage"])(
+    _, residual, g, _ = Vectorised(phase.mode.functions["stage"])(
         np.array([[1.0, 2.0]]), np.zeros((1, 0)), np.zeros((1, 0)), phase.p[:1]
     )
     assert residual[0] == pytest.approx([11.81 - 5.0])

@@ -27,7 +27,7 @@ MOTION = ocp.Motion(ocp.Phase("one", "a", 0.2), ocp.Phase("two", "b", 0.1), ocp.
 ENDLESS = ocp.Motion(ocp.Phase("one", "a", 0.2), ocp.Phase("two", "b", 0.1), cyclic=True)
 
 
-def stretches(motion, schedule, t0=0.0):
+def spans(motion, schedule, t0=0.0):
     model = schedule.segments[0].model
     return lay(motion.bind((model,), {b.quantity: np.zeros(1) for b in model.state.blocks}), schedule, t0)
 
@@ -35,7 +35,7 @@ def stretches(motion, schedule, t0=0.0):
 def laid(motion, schedule, t0=0.0):
     return [
         (s.segment.model.name, s.interval.phase.name, round(s.start, 6), s.num_stages, s.ends_phase)
-        for s in stretches(motion, schedule, t0)
+        for s in spans(motion, schedule, t0)
     ]
 
 
@@ -47,9 +47,9 @@ def test_a_model_is_cut_where_modes_change():
 
 def test_a_model_that_modes_do_not_cut_is_one_stretch():
     assert laid(MOTION, UNCUT.until_end(dt=0.05)) == [("uncut", "one", 0.0, 12, True)]
-    (only,) = stretches(MOTION, UNCUT.until_end(dt=0.05))
-    spans = list(MOTION.intervals())
-    assert [only.interval_at(t, spans).phase.name for t in (0.0, 0.15, 0.2, 0.25, 0.3)] == [
+    (only,) = spans(MOTION, UNCUT.until_end(dt=0.05))
+    placed = list(MOTION.intervals())
+    assert [only.interval_at(t, placed).phase.name for t in (0.0, 0.15, 0.2, 0.25, 0.3)] == [
         "one",
         "one",
         "two",
@@ -76,23 +76,23 @@ def test_a_junction_of_two_models_cuts_a_phase_without_ending_it():
 
 
 def test_a_junction_on_a_boundary_ends_the_phase_and_knows_what_follows():
-    first, second = stretches(MOTION, CUT.over(0.2, dt=0.01) + UNCUT.over(0.1, dt=0.05))
+    first, second = spans(MOTION, CUT.over(0.2, dt=0.01) + UNCUT.over(0.1, dt=0.05))
     assert first.ends_phase
     assert first.following.phase.name == "two"
     assert second.following.phase.name == "three"
 
 
 def test_the_end_of_the_motion_is_followed_by_nothing():
-    assert stretches(MOTION, CUT.until_end(dt=0.1))[-1].following is None
+    assert spans(MOTION, CUT.until_end(dt=0.1))[-1].following is None
 
 
 @pytest.mark.parametrize(
     ("t0", "first", "stages"), [(0.0, 0.0, 20), (0.004, 0.0, 20), (0.006, 0.01, 19), (0.2, 0.2, 10)]
 )
 def test_the_start_snaps_to_the_first_model_s_step(t0, first, stages):
-    stretch = stretches(MOTION, CUT.over(0.3, dt=0.01), t0)[0]
-    assert stretch.start == pytest.approx(first)
-    assert stretch.num_stages == stages
+    span = spans(MOTION, CUT.over(0.3, dt=0.01), t0)[0]
+    assert span.start == pytest.approx(first)
+    assert span.num_stages == stages
 
 
 def test_a_start_outside_the_motion():
@@ -155,10 +155,10 @@ def test_rounding_is_no_fraction_of_a_step():
 
 
 def test_whether_a_horizon_covers_the_motion():
-    assert covers(MOTION, stretches(MOTION, CUT.until_end(dt=0.01)))
-    assert not covers(MOTION, stretches(MOTION, CUT.over(0.5, dt=0.01)))
-    assert not covers(MOTION, stretches(MOTION, CUT.over(0.5, dt=0.01), 0.1))
-    assert covers(ENDLESS, stretches(ENDLESS, CUT.over(0.3, dt=0.01)))
+    assert covers(MOTION, spans(MOTION, CUT.until_end(dt=0.01)))
+    assert not covers(MOTION, spans(MOTION, CUT.over(0.5, dt=0.01)))
+    assert not covers(MOTION, spans(MOTION, CUT.over(0.5, dt=0.01), 0.1))
+    assert covers(ENDLESS, spans(ENDLESS, CUT.over(0.3, dt=0.01)))
 
 
 # ---- a robot with two models

@@ -285,7 +285,7 @@ def test_the_limit_of_speed_is_that_of_one_joint_in_one_step():
 
 def test_unknown_engines_are_refused_by_name():
     with pytest.raises(
-        SamplingError, match="engine is unknown - got 'gpu', expected one of 'auto', 'native', 'lanes', 'mjx'"
+        SamplingError, match="engine is unknown - got 'gpu', expected one of 'auto', 'native', 'simd', 'mjx'"
     ):
         engine_for(solo.simulated(), "gpu")
     with engine_for(solo.simulated(), "native", threads=1) as engine:

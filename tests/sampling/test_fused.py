@@ -9,7 +9,7 @@ from piaffe import models, ocp
 from piaffe.errors import SamplingError
 from piaffe.models import base, feet, joints
 from piaffe.sampling import MPPI, TDCDMPPI
-from piaffe.sampling.controllers.device_stage import FusedStage
+from piaffe.sampling.controllers.device_stage import DeviceStage
 from piaffe.sampling.controllers.mppi import Rolled, softmax
 from piaffe.sampling.engines.mjx import MjxEngine
 from piaffe.sampling.value.fingerprint import fingerprint
@@ -84,7 +84,7 @@ def test_a_fused_stage_is_the_stage(problem, samples, kind):
     value = {"value": some_value(problem)} if kind is TDCDMPPI else {}
     native, other = (kind(problem, engine=name, samples=SAMPLES, **value) for name in ("native", "mjx"))
     other.engine = MjxEngine(other.model, precision="double")
-    stage, start, maxima = FusedStage(other), problem.initial, None
+    stage, start, maxima = DeviceStage(other), problem.initial, None
     for k in (0, 7):
         plan, returns = in_numpy(native, start, samples, k)
         staged = stage(start, samples, k, other.nodes.running(k, STEPS + 1), maxima)
@@ -101,13 +101,13 @@ def test_a_fused_stage_is_the_stage(problem, samples, kind):
 
 def test_a_native_controller_has_no_fused_stage(problem):
     with pytest.raises(SamplingError, match="engine - got NativeEngine, expected MjxEngine"):
-        FusedStage(MPPI(problem, samples=4))
+        DeviceStage(MPPI(problem, samples=4))
 
 
 def test_values_of_unknown_make_are_refused(problem):
     controller = TDCDMPPI(problem, engine="mjx", samples=4, value=lambda states, k, nodes: np.ones(len(states)))
     with pytest.raises(SamplingError, match="value cannot be compiled - got function"):
-        FusedStage(controller)
+        DeviceStage(controller)
 
 
 def test_plan_on_the_device_tells_the_controls_of_its_nodes(problem):

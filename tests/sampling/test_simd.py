@@ -16,7 +16,7 @@ from piaffe.sampling.engines import simd as lanes
 from piaffe.sampling.engines import simd_text as lanes_text
 from piaffe.sampling.engines.engine import MAX_SPEED
 from piaffe.sampling.engines.native import NativeEngine
-from piaffe.sampling.engines.simd import DifferentError, LanesEngine
+from piaffe.sampling.engines.simd import DifferentError, SimdEngine
 
 N, STEPS = 37, 8  # no whole number of lanes
 
@@ -70,7 +70,7 @@ def controls(model, random, n=N, steps=STEPS):
 
 
 def assert_mujoco(model, x, u, **options):
-    with NativeEngine(model, threads=0, **options) as native, LanesEngine(model, threads=2, **options) as engine:
+    with NativeEngine(model, threads=0, **options) as native, SimdEngine(model, threads=2, **options) as engine:
         want, got = native.rollout(x, u), engine.rollout(x, u)
         assert want.failed.tolist() == got.failed.tolist()
         error = np.abs(got.states - want.states) / np.maximum(1.0, np.abs(want.states))
@@ -104,7 +104,7 @@ def test_at_convergence_a_few_samples_end_a_sweep_apart():
     # rounding decides whether the last sweep still improved enough, which is worth the solver's own tolerance
     random, model = np.random.default_rng(3), simulated(contact=SoftContact(iterations=50))
     x, u = start(model, random, 200), controls(model, random, 200)
-    with NativeEngine(model, threads=0) as native, LanesEngine(model) as engine:
+    with NativeEngine(model, threads=0) as native, SimdEngine(model) as engine:
         apart = np.abs(engine.rollout(x, u).states - native.rollout(x, u).states).max(axis=(1, 2))
     assert np.mean(apart < 1e-9) > 0.9
     assert np.max(apart) < 1e-3
@@ -183,7 +183,7 @@ def test_first_steps_that_all_share_are_the_same_steps(substeps):
     x, u = start(model, random, 1)[0], controls(model, random)
     u[:, :3] = u[0, :3]
     assert_mujoco(model, x, u)
-    with LanesEngine(model) as engine:
+    with SimdEngine(model) as engine:
         together = engine.rollout(x, u).states.copy()
         each = engine.rollout(np.tile(x, (N, 1)), u).states
     assert np.array_equal(together, each)
@@ -193,7 +193,7 @@ def test_neither_threads_nor_neighbours_change_a_sample():
     model, random = simulated(terrain=TERRAINS["stairs"]), np.random.default_rng(6)
     x, u = start(model, random), controls(model, random)
     order = random.permutation(N)
-    with LanesEngine(model, threads=1) as one, LanesEngine(model, threads=3) as three:
+    with SimdEngine(model, threads=1) as one, SimdEngine(model, threads=3) as three:
         alone, shared = one.rollout(x, u).states.copy(), three.rollout(x[order], u[order]).states
         assert np.array_equal(alone[order], shared)
         few = one.rollout(x[:2], u[:2]).states
@@ -204,7 +204,7 @@ def test_neither_threads_nor_neighbours_change_a_sample():
 def test_states_are_mujocos_however_wide_the_vectors(width):
     model, random = simulated(terrain=TERRAINS["stairs"]), np.random.default_rng(8)
     x, u = start(model, random), controls(model, random)
-    with LanesEngine(model, threads=1, width=width) as engine, NativeEngine(model, threads=0) as native:
+    with SimdEngine(model, threads=1, width=width) as engine, NativeEngine(model, threads=0) as native:
         assert np.abs(engine.rollout(x, u).states - native.rollout(x, u).states).max() < 1e-9
 
 
@@ -212,7 +212,7 @@ def test_samples_that_diverge_fail_alone():
     model, random = simulated(), np.random.default_rng(7)
     x, u = start(model, random), controls(model, random)
     u[1, 4, 3], u[2, 0, 3], x[4, 25], x[5, 20] = np.nan, np.inf, np.nan, 2 * MAX_SPEED
-    with LanesEngine(model) as engine, NativeEngine(model, threads=0) as native:
+    with SimdEngine(model) as engine, NativeEngine(model, threads=0) as native:
         got, want = engine.rollout(x, u), native.rollout(x, u)
     assert np.flatnonzero(got.failed).tolist() == np.flatnonzero(want.failed).tolist() == [1, 2, 4, 5]
     assert np.abs(got.states - want.states).max() < 1e-9
@@ -238,14 +238,14 @@ def test_samples_that_diverge_fail_alone():
 def test_what_it_does_not_simulate_is_named_and_left_to_mujoco(changes, message):
     model = simulated(**changes)
     with pytest.raises(SamplingError, match=f'lanes engine: {message}.*; change the model, or choose engine="native"'):
-        engine_for(model, "lanes")
+        engine_for(model, "simd")
     with engine_for(model) as engine:
         assert isinstance(engine, NativeEngine)
 
 
 def test_auto_takes_lanes_where_it_can():
     with engine_for(simulated(), threads=1) as engine:
-        assert isinstance(engine, LanesEngine)
+        assert isinstance(engine, SimdEngine)
 
 
 def test_without_a_compiler_auto_takes_mujoco(monkeypatch):
@@ -254,7 +254,7 @@ def test_without_a_compiler_auto_takes_mujoco(monkeypatch):
 
     monkeypatch.setattr(lanes, "build", fail)
     with pytest.raises(SamplingError, match=r'lanes engine: no compiler; install one, pip install "piaffe\[compiler'):
-        LanesEngine(simulated())
+        SimdEngine(simulated())
     with engine_for(simulated()) as engine:
         assert isinstance(engine, NativeEngine)
 
@@ -267,7 +267,7 @@ def test_another_mujoco_is_noticed_before_use(monkeypatch, terrain):
     monkeypatch.setattr(lanes_text, "orders", in_order)
     model = simulated(terrain=TERRAINS[terrain])
     with pytest.raises(DifferentError, match=r"states differ from those of MuJoCo \d.* - got .* less than 1e-07"):
-        LanesEngine(model)
+        SimdEngine(model)
     with pytest.warns(UserWarning, match="rolling out with MuJoCo itself"), engine_for(model) as engine:
         assert isinstance(engine, NativeEngine)
 
@@ -277,19 +277,19 @@ def test_trials_that_all_diverge_are_no_agreement(monkeypatch):
     lost = np.full((32, 37), np.nan), np.zeros((32, 3, 12))
     monkeypatch.setattr(lanes, "_about_the_grounds", lambda *args: lost)
     with pytest.raises(DifferentError, match="0 of 32 trials finite"):
-        LanesEngine(model)
+        SimdEngine(model)
 
 
 def test_what_is_in_the_cache_is_not_written_again(monkeypatch):
     def fail(*args, **options):
         raise AssertionError("written again")
 
-    LanesEngine(simulated()).close()
+    SimdEngine(simulated()).close()
     monkeypatch.setattr(lanes, "generate", fail)
-    LanesEngine(simulated()).close()
+    SimdEngine(simulated()).close()
     changed = models.Mujoco(models.load("solo12"), payload=models.payload(0.01 * np.random.default_rng().uniform()))
     with pytest.raises(AssertionError, match="written again"):
-        LanesEngine(changed)
+        SimdEngine(changed)
 
 
 FOREIGN = {
@@ -312,12 +312,12 @@ def test_what_others_may_set_is_refused_by_name(what):
     compiled = copy.copy(simulated().compiled())
     FOREIGN[what](compiled)
     with pytest.raises(SamplingError, match=rf"lanes engine: .*{what}"):
-        LanesEngine(SimpleNamespace(compiled=lambda: compiled, substeps=1))
+        SimdEngine(SimpleNamespace(compiled=lambda: compiled, substeps=1))
 
 
 def test_a_closed_engine_says_so():
     model = simulated()
-    engine = LanesEngine(model)
+    engine = SimdEngine(model)
     engine.close()
     with pytest.raises(SamplingError, match="lanes engine: rollout after close"):
         engine.rollout(model.state(joints="stand"), np.zeros((1, 1, 12)))

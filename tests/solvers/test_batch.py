@@ -13,8 +13,8 @@ from piaffe import ocp
 from piaffe.errors import PiaffeError, ProblemError, ShapeError, SolverError, UnknownNameError
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import BatchSolution, MSiLQR, Options, Solution, Status, solve_batch
-from piaffe.solvers.ilqr.native.backend import native_machine
-from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.native.backend import native_memory
+from piaffe.solvers.ilqr.native.memory import SolverMemory
 
 from ..problems import PROBLEMS
 
@@ -273,7 +273,7 @@ def test_what_does_not_fit_is_refused_before_any_work(name: str, monkeypatch: py
     def never(*arguments: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr("piaffe.solvers.batch.batch.native_machine", never)
+    monkeypatch.setattr("piaffe.solvers.batch.batch.native_memory", never)
     arguments, kind, told = REFUSED[name]
     with pytest.raises(kind, match=re.escape(told)) as caught:
         solve_batch(**{"problem": rope(), "initial_states": [rope().initial] * 2, **arguments})
@@ -298,20 +298,20 @@ def test_interruption_returns_the_iterates_so_far(threads: int, monkeypatch: pyt
         pytest.skip("not on the main thread")
     problem = compile_problem(PROBLEMS["swing up"]())
 
-    def press(machine: Machine) -> None:
-        while machine.c.num_records < 100:
+    def press(memory: SolverMemory) -> None:
+        while memory.c.num_records < 100:
             time.sleep(0.01)
         _thread.interrupt_main()
 
-    def watched(*arguments: object) -> Machine | None:
-        machine = native_machine(*arguments)
-        if machine is not None:
-            threading.Thread(target=press, args=(machine,), daemon=True).start()
-        return machine
+    def watched(*arguments: object) -> SolverMemory | None:
+        memory = native_memory(*arguments)
+        if memory is not None:
+            threading.Thread(target=press, args=(memory,), daemon=True).start()
+        return memory
 
-    if native_machine(problem, Options()) is None:
+    if native_memory(problem, Options()) is None:
         pytest.skip("no compiler")
-    monkeypatch.setattr("piaffe.solvers.batch.batch.native_machine", watched)
+    monkeypatch.setattr("piaffe.solvers.batch.batch.native_memory", watched)
     batch = solve_batch(problem, [problem.initial] * 6, options=ENDLESS, threads=threads)
     begun = np.array([search is not None for search in batch.search])
     assert 1 <= begun.sum() <= threads

@@ -10,7 +10,7 @@ import casadi as cs
 from piaffe.ocp import LoweredMode, LoweredTransition
 
 from .elimination import Elimination, eliminate
-from .nonzeros import Entries
+from .nonzeros import Nonzeros
 from .tables import defines, dynamics_rows, table
 
 MODE_FUNCTIONS = ("implicit", "stage", "stage_d", "terminal", "terminal_d")
@@ -83,7 +83,7 @@ def mode_kernel(number: int, mode: LoweredMode) -> Kernel:
     _sensitivity(out, implicit.elimination, r_w, d_w, d_z)
     _model(out, implicit.elimination, gradient, hessian, nw)
     end_slope, end_curvature, end_gradient, end_hessian = _contracted(cs.SX(cs.vertcat(*f["terminal_d"](x, p))))
-    end = Entries.of(end_hessian)
+    end = Nonzeros.of(end_hessian)
     functions = {
         "implicit": implicit.function([x, u, p]),
         "stage": f["stage"],
@@ -146,7 +146,7 @@ class _Implicit:
                 blocks[self.elimination.at(row, row)] = 1
             else:
                 right[row] = -self.r0[unknown]
-        entries = Entries.of(self.K)
+        entries = Nonzeros.of(self.K)
         blocks[[self.elimination.at(place[r], place[c]) for r, c in entries]] = entries.values
         return _make("implicit", inputs, [blocks, right])
 
@@ -154,16 +154,16 @@ class _Implicit:
 def _sensitivity(out: _Outputs, elimination: Elimination, r_w: cs.SX, d_w: cs.SX, d_z: cs.SX) -> None:
     """Add what makes D = d_w − d_z K⁻¹ r_w; the rows of D that d_z has a part in are full, the others keep zeros."""
     place, columns = elimination.place, d_w.size2()
-    right = (-Entries.of(r_w)).moved(rows=place)
+    right = (-Nonzeros.of(r_w)).moved(rows=place)
     each = " ".join(f"DO({k}, {r}, {c})" for k, (r, c) in enumerate(right))
     # not a table: that is slower than all the rest of it
     out.add("r_w", right.values, [f"#define EACH_r_w(DO) {each}"])
-    by_z = Entries.of(d_z).moved(columns=place)
+    by_z = Nonzeros.of(d_z).moved(columns=place)
     full = sorted(set(by_z.rows))
     ends = [sum(r <= row for r in by_z.rows) for row in full]
     lines = [f"#define NUM_FULL {len(full)}", table("full_row", full), table("full_end", ends)]
     out.add("d_z", by_z.values, [*lines, *by_z.tables("d_z")])
-    by_w = Entries.of(d_w)
+    by_w = Nonzeros.of(d_w)
     out.written["D"] = {row * columns + c for row in full for c in range(columns)} | set(_flat(by_w, columns))
     for name, own in (("d_set", by_w.where(lambda r, c: r not in full)), ("d_add", by_w.where(lambda r, c: r in full))):
         out.add(name, own.values, [f"#define NNZ_{name} {len(own)}", table(f"{name}_at", _flat(own, columns))])
@@ -173,12 +173,12 @@ def _model(out: _Outputs, elimination: Elimination, gradient: cs.SX, hessian: cs
     """Add gradient and upper Hessian over (w, z), apart for w, z and both; Y are the rows of z that a cost bends."""
     place = elimination.place
     out.add("gradient", gradient[:nw])
-    by_z = Entries.of(gradient[nw:]).moved(rows=place)
+    by_z = Nonzeros.of(gradient[nw:]).moved(rows=place)
     out.add("gradient_z", by_z.values, by_z.tables("gradient_z"))
-    H = Entries.of(hessian)
+    H = Nonzeros.of(hessian)
     ww = H.where(lambda r, c: c < nw)
     wz = H.where(lambda r, c: r < nw <= c).moved(columns=[*range(nw), *(nw + k for k in place)])
-    zz = Entries.of(hessian[nw:, nw:]).moved(rows=place, columns=place)
+    zz = Nonzeros.of(hessian[nw:, nw:]).moved(rows=place, columns=place)
     bent = sorted({c - nw for c in wz.columns} | {*zz.rows, *zz.columns})
     at = {row: number for number, row in enumerate(bent)}
     out.written["H"] = {r * nw + c for r in range(nw) for c in range(r, nw)} if bent else set(_flat(ww, nw))
@@ -194,7 +194,7 @@ def _model(out: _Outputs, elimination: Elimination, gradient: cs.SX, hessian: cs
     ])  # fmt: skip
 
 
-def _flat(entries: Entries, columns: int) -> list[int]:
+def _flat(entries: Nonzeros, columns: int) -> list[int]:
     """Return places in a row-major matrix."""
     return [r * columns + c for r, c in entries]
 

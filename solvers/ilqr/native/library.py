@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from piaffe.codegen import SOLVER_FLAGS, Built, Origin, Texts, build, load, this_cpu
+from piaffe.codegen import SOLVER_FLAGS, Built, Origin, Sources, build, load, this_cpu
 from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
 
 from .program import origin, program
@@ -58,9 +58,11 @@ def library_for(
 def _library(structure: _Structure) -> Library:
     modes, links = structure.modes, structure.links
 
-    def texts() -> Texts:
+    def texts() -> Sources:
         made = program(modes, links)
-        return Texts([*made.expressions, *made.kernels], made.headers, {name: KERNEL_FLAGS for name, _ in made.kernels})
+        return Sources(
+            [*made.expressions, *made.kernels], made.headers, {name: KERNEL_FLAGS for name, _ in made.kernels}
+        )
 
     built = build(
         Origin([*origin(modes, links), *KERNEL_FLAGS], texts),

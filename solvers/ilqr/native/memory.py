@@ -1,4 +1,4 @@
-"""The machine: a problem laid out in memory for the compiled solver, and its runs."""
+"""The memory of the compiled solver: a problem laid out for it, and its runs."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Lanes:
         return np.concatenate(lanes)[: len(self.nodes)]
 
 
-class Machine:
+class SolverMemory:
     """Memory of one problem and the library that solves it; all memory is allocated here, once.
 
     Args:

@@ -1,4 +1,4 @@
-"""Entries: the nonzeros of a sparse matrix in an order of choice, as a function puts them out and C finds them."""
+"""Nonzeros: the nonzeros of a sparse matrix in an order of choice, as a function puts them out and C finds them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .tables import table
 
 
 @dataclass(frozen=True)
-class Entries:
+class Nonzeros:
     """Nonzeros of a matrix.
 
     Args:
@@ -25,10 +25,10 @@ class Entries:
     columns: tuple[int, ...]
 
     @staticmethod
-    def of(matrix: cs.SX) -> Entries:
+    def of(matrix: cs.SX) -> Nonzeros:
         """Return a matrix's structural nonzeros, row by row."""
         matrix = cs.sparsify(matrix).T
-        return Entries(cs.vec(matrix.nz[:]) if matrix.nnz() else cs.SX(0, 1), tuple(matrix.sparsity().get_col()),
+        return Nonzeros(cs.vec(matrix.nz[:]) if matrix.nnz() else cs.SX(0, 1), tuple(matrix.sparsity().get_col()),
                        tuple(matrix.row()))  # fmt: skip
 
     def __len__(self) -> int:
@@ -37,23 +37,23 @@ class Entries:
     def __iter__(self) -> Iterator[tuple[int, int]]:
         return iter(zip(self.rows, self.columns, strict=True))
 
-    def __neg__(self) -> Entries:
-        return Entries(-self.values, self.rows, self.columns)
+    def __neg__(self) -> Nonzeros:
+        return Nonzeros(-self.values, self.rows, self.columns)
 
-    def moved(self, rows: Sequence[int] | None = None, columns: Sequence[int] | None = None) -> Entries:
+    def moved(self, rows: Sequence[int] | None = None, columns: Sequence[int] | None = None) -> Nonzeros:
         """Return the same with row and column i at ``rows[i]`` and ``columns[i]``, in order again."""
         at = [
             (r if rows is None else rows[r], c if columns is None else columns[c], k) for k, (r, c) in enumerate(self)
         ]
         return self._picked(sorted(at))
 
-    def where(self, holds: Callable[[int, int], bool]) -> Entries:
+    def where(self, holds: Callable[[int, int], bool]) -> Nonzeros:
         """Return those whose row and column a condition holds for."""
         return self._picked([(r, c, k) for k, (r, c) in enumerate(self) if holds(r, c)])
 
-    def _picked(self, at: list[tuple[int, int, int]]) -> Entries:
+    def _picked(self, at: list[tuple[int, int, int]]) -> Nonzeros:
         values = self.values.nz[[k for _, _, k in at]] if at else cs.SX(0, 1)
-        return Entries(cs.densify(values), tuple(r for r, _, _ in at), tuple(c for _, c, _ in at))
+        return Nonzeros(cs.densify(values), tuple(r for r, _, _ in at), tuple(c for _, c, _ in at))
 
     def tables(self, name: str) -> list[str]:
         """Return their places in C."""

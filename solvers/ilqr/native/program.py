@@ -49,7 +49,7 @@ def origin(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...])
 
     To write the functions out as CasADi does takes a tenth of the time that it takes to lower them to C.
     """
-    parts = [cs.CasadiMeta.version(), lanes.LANES_H, *_SOURCES]
+    parts = [cs.CasadiMeta.version(), lanes.SIMD_H, *_SOURCES]
     parts += [part for entry in TEMPLATES.items() for part in entry]
     for mode in modes:
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]

@@ -146,7 +146,7 @@ def check(
     seed: Annotated[int, typer.Option(help="Seed of the random states.")] = 0,
 ) -> None:
     """Compare every derivative with finite differences, scan the initial guess for NaN, report units and sizes."""
-    from piaffe.ocp import check_derivatives, check_guess, compile_problem, notices, report
+    from piaffe.ocp import check_derivatives, check_guess, compile_problem, find_warnings, report
 
     from .reports import print_derivatives, print_dimensions
 
@@ -163,9 +163,9 @@ def check(
     print_derivatives(console, findings)
     console.print()
     print_dimensions(console, *report(compiled))
-    for notice in notices(compiled):
+    for warning in find_warnings(compiled):
         console.print(
-            f"[bold yellow]warning:[/] {plain(notice.where)}: {plain(notice.text)}", highlight=False, soft_wrap=True
+            f"[bold yellow]warning:[/] {plain(warning.where)}: {plain(warning.text)}", highlight=False, soft_wrap=True
         )
     agreed = sum(finding.agrees for finding in findings)
     colour = "red" if failures else "green"

@@ -16,5 +16,5 @@ from .snippets import c_library as c_library
 from .snippets import pointer as pointer
 from .snippets import side_by_side as side_by_side
 from .sources import Origin as Origin
-from .sources import Texts as Texts
+from .sources import Sources as Sources
 from .worker import Worker as Worker

@@ -17,7 +17,7 @@ from .cache import LIBRARY, Cache, Entry
 from .compilers import Compiler, candidates, working
 from .cpu import Cpu, available_cores, this_cpu
 from .processes import Runner
-from .sources import Origin, Texts
+from .sources import Origin, Sources
 
 VERSION = "2"
 """Part of every key: counted up when this module compiles differently."""
@@ -119,7 +119,7 @@ def build(
             )
         origin = units
     else:
-        texts = Texts(tuple(units), dict(headers or {}), dict(flags_per_unit or {}))
+        texts = Sources(tuple(units), dict(headers or {}), dict(flags_per_unit or {}))
         origin = Origin(texts.parts, lambda: texts)
     recipe = _Recipe(origin, tuple(flags), tuple(link), _checked_width(cpu.lanes if width is None else width), version)
 
@@ -182,7 +182,7 @@ def _written(flags: Sequence[str], width: int, cpu: Cpu) -> tuple[str, ...]:
 
 
 def _compile(
-    recipe: _Recipe, texts: Texts, compiler: Compiler, cpu: Cpu, folder: Path, progress: Progress | None
+    recipe: _Recipe, texts: Sources, compiler: Compiler, cpu: Cpu, folder: Path, progress: Progress | None
 ) -> Path:
     """Compile and link in a private folder; return the library's file in it."""
     told = progress or (lambda done, steps, name: None)

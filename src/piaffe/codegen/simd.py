@@ -41,7 +41,7 @@ import casadi as cs
 
 from piaffe.errors import ModelError
 
-LANES_H = files(__package__).joinpath("simd.h").read_text(encoding="utf-8")
+SIMD_H = files(__package__).joinpath("simd.h").read_text(encoding="utf-8")
 
 _CALLS = (
     "sqrt exp log log1p expm1 tan asin acos atan sinh cosh tanh asinh acosh atanh erf floor ceil pow fmod "
@@ -93,7 +93,7 @@ class Units:
     @property
     def headers(self) -> dict[str, str]:
         """File name → text of the headers that the units include."""
-        return {"lanes.h": LANES_H, "functions.h": self.header}
+        return {"lanes.h": SIMD_H, "functions.h": self.header}
 
 
 def generate(functions: Mapping[str, cs.Function], *, chunk: int = 500, unit: int = 6000) -> Units:

@@ -13,7 +13,7 @@ _HEADER = re.compile(r"\w[\w.-]*")
 
 
 @dataclass(frozen=True)
-class Texts:
+class Sources:
     """C texts of a library.
 
     Args:
@@ -54,7 +54,7 @@ class Texts:
 
 @dataclass(frozen=True)
 class Origin:
-    """Texts that are made only if no library of them is kept, and what they are made from.
+    """Sources that are made only if no library of them is kept, and what they are made from.
 
     Args:
         parts: what the texts follow from, whatever it is: equal parts make equal texts.
@@ -62,4 +62,4 @@ class Origin:
     """
 
     parts: Sequence[str]
-    texts: Callable[[], Texts]
+    texts: Callable[[], Sources]

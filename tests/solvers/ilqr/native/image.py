@@ -1,4 +1,4 @@
-"""A machine's memory in a file, for a program without Python: arrays, structures, and what points where."""
+"""A solver's memory in a file, for a program without Python: arrays, structures, and what points where."""
 
 import ctypes as ct
 import struct
@@ -10,13 +10,13 @@ import numpy as np
 from piaffe.ocp import CompiledProblem
 from piaffe.solvers import Options
 from piaffe.solvers.ilqr.native.library import Library
-from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.native.memory import SolverMemory
 
 UNTOUCHED = np.uint64(0x7FF8_DEAD_BEEF_0001)  # a NaN that no computation makes
 
 
-class ImageMachine(Machine):
-    """A machine that knows which of its arrays have been given content."""
+class ImageMachine(SolverMemory):
+    """A memory that knows which of its arrays have been given content."""
 
     def __init__(self, problem: CompiledProblem, library: Library, options: Options) -> None:
         self.numbers: list[np.ndarray] = []

@@ -69,7 +69,7 @@ class Tool:
 
 
 def _without_avx512() -> str:
-    return "-march=x86-64-v3" if platform.machine() == "x86_64" else this_cpu().native
+    return "-march=x86-64-v3" if platform.memory() == "x86_64" else this_cpu().native
 
 
 TOOLS = {
@@ -102,7 +102,7 @@ def check(
     tool: Tool,
     width: int,
     options: Options | None = None,
-    spoil: Callable[[ImageMachine], None] = lambda machine: None,
+    spoil: Callable[[ImageMachine], None] = lambda memory: None,
 ) -> list[Solution]:
     """Solve under a tool, cold and warm, and compare with NumPy.
 
@@ -111,7 +111,7 @@ def check(
         tool: the tool.
         width: lanes.
         options: of the solver.
-        spoil: does something to the machine before it is run, for tests of the tool.
+        spoil: does something to the memory before it is run, for tests of the tool.
 
     Raises:
         AssertionError: something is found.
@@ -126,13 +126,13 @@ def check(
         images = []
         library, _ = library_for(problem, width=width)
         for k, warm in enumerate((None, WarmStart.of(half))):
-            machine, outer = ImageMachine(problem, library, options), Outer(problem, options)
+            memory, outer = ImageMachine(problem, library, options), Outer(problem, options)
             if warm is not None:
                 outer.resume(warm)
-            resumed = write(machine, first_iterate(problem, warm), outer, warm)
+            resumed = write(memory, first_iterate(problem, warm), outer, warm)
             images.append(Path(folder, f"{k}.image"))
-            spoil(machine)
-            machine.save(images[-1], resumed)
+            spoil(memory)
+            memory.save(images[-1], resumed)
         environment = {**os.environ, "UBSAN_OPTIONS": "print_stacktrace=1"}
         command = [*tool.command, str(program_file), *map(str, images)]
         ran = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from piaffe.solvers.ilqr.native.elimination import LARGEST_BLOCK, Elimination, eliminate
-from piaffe.solvers.ilqr.native.nonzeros import Entries
+from piaffe.solvers.ilqr.native.nonzeros import Nonzeros
 
 
 def limbs(num_limbs: int, joints: int) -> np.ndarray:
@@ -79,7 +79,7 @@ def test_limbs_and_feet_of_a_quadruped_come_in_full_blocks_of_three() -> None:
 def test_entries_are_row_by_row_and_keep_their_values_when_moved() -> None:
     matrix = cs.SX(cs.DM(cs.Sparsity.triplet(3, 4, [2, 0, 1, 0], [1, 3, 0, 0]), [1.0, 2.0, 3.0, 4.0]))
     dense = np.array(cs.DM(matrix))
-    entries = Entries.of(matrix)
+    entries = Nonzeros.of(matrix)
     assert list(entries) == [(0, 0), (0, 3), (1, 0), (2, 1)]
     moved = (-entries).moved(rows=[2, 0, 1], columns=[3, 2, 1, 0])
     assert list(moved) == [(0, 3), (1, 2), (2, 0), (2, 3)]

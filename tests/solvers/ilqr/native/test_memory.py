@@ -37,12 +37,12 @@ def test_nothing_is_found(tool: str, name: str, width: int) -> None:
     assert warm.iterations < cold.iterations
 
 
-def short(machine: ImageMachine) -> None:
-    machine.shorten(machine.arrays[0]["D"])
+def short(memory: ImageMachine) -> None:
+    memory.shorten(memory.arrays[0]["D"])
 
 
-def forgotten(machine: ImageMachine) -> None:
-    machine.lanes[0].blocks[0]["weight"].view(np.uint64)[:] = UNTOUCHED
+def forgotten(memory: ImageMachine) -> None:
+    memory.lanes[0].blocks[0]["weight"].view(np.uint64)[:] = UNTOUCHED
 
 
 @pytest.mark.parametrize(

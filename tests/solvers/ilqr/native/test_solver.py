@@ -25,7 +25,7 @@ from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
 from piaffe.solvers.ilqr.iterate import Iterate
 from piaffe.solvers.ilqr.native.backend import Backend, drive
 from piaffe.solvers.ilqr.native.library import library_for
-from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.native.memory import SolverMemory
 from piaffe.solvers.ilqr.native.program import program
 from piaffe.solvers.ilqr.result import assemble
 from piaffe.solvers.ilqr.run import Run
@@ -98,7 +98,7 @@ def of_width(problem: CompiledProblem, width: int, options: Options | None = Non
     """Return a solver with a number of lanes."""
     solver = MSiLQR(problem, options, backend="numpy")
     library, _ = library_for(problem, width=width)
-    solver.machine = Machine(problem, library, solver.options)
+    solver.memory = SolverMemory(problem, library, solver.options)
     return solver
 
 
@@ -197,9 +197,9 @@ def test_solution_and_duals_are_those_of_numpy(name: str) -> None:
 @pytest.mark.parametrize("name", ALL)
 def test_policy_and_expansions_are_those_of_numpy_at_the_same_iterate(name: str, limit: int) -> None:
     by_c = MSiLQR(compiled(name), Options(max_iterations=limit))
-    assert by_c.machine is not None
+    assert by_c.memory is not None
     run = Run(by_c.evaluator, by_c.options, by_c.start(None), by_c.flags(True), None)
-    status = drive(by_c.machine, run, None, None)
+    status = drive(by_c.memory, run, None, None)
     assert run.policy is not None
     got = assemble(run, status, 0.0)
     run.policy = None
@@ -214,10 +214,10 @@ def test_policy_and_expansions_are_those_of_numpy_at_the_same_iterate(name: str,
 def test_policy_is_zero_where_no_sweep_succeeds() -> None:
     problem, options = compiled("hopper"), Options(max_iterations=1)
     solver = MSiLQR(problem, options)
-    assert solver.machine is not None
+    assert solver.memory is not None
     solver.solve()
-    solver.machine.c.options.max_regularization = -1.0
-    for sweep in solver.machine.policy():
+    solver.memory.c.options.max_regularization = -1.0
+    for sweep in solver.memory.policy():
         assert sweep.V_xx.shape[0] == len(sweep.feedback) + 1
         assert not any(np.any(getattr(sweep, field.name)) for field in fields(sweep))
 
@@ -384,10 +384,10 @@ def endless() -> MSiLQR:
 
 
 def assert_stopped(solver: MSiLQR) -> None:
-    assert solver.machine is not None
-    count = solver.machine.c.num_records
+    assert solver.memory is not None
+    count = solver.memory.c.num_records
     time.sleep(0.02)
-    assert solver.machine.c.num_records == count
+    assert solver.memory.c.num_records == count
     assert count < ENDLESS.max_iterations
 
 
@@ -425,9 +425,9 @@ def test_error_in_the_progress_stops_the_solver_before_it_is_raised(endless: MSi
 
 
 def test_solve_can_be_cancelled_from_elsewhere(endless: MSiLQR) -> None:
-    machine = endless.machine
-    assert machine is not None
-    solution = endless.solve(progress=lambda record: setattr(machine.c, "cancel", 1))
+    memory = endless.memory
+    assert memory is not None
+    solution = endless.solve(progress=lambda record: setattr(memory.c, "cancel", 1))
     assert solution.status is Status.INTERRUPTED
     assert_stopped(endless)
 

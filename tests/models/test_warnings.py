@@ -26,7 +26,7 @@ def warned(*phases, body=BODY, initial=None, motion=None):
     schedule = body.until_end(dt=0.05)
     start = body.state() if initial is None else initial
     compiled = ocp.compile_problem(ocp.Problem(motion, schedule, objective, initial=start))
-    return [(notice.where, notice.text) for notice in ocp.notices(compiled)]
+    return [(warning.where, warning.text) for warning in ocp.find_warnings(compiled)]
 
 
 def keyframe(name, mode, duration, **values):
@@ -187,7 +187,7 @@ def test_a_velocity_that_a_keyframe_gives_leaves_no_choice():
 def test_gaits_have_no_keyframes():
     assert warned(motion=models.gaits.trot(speed=0.2).cycles(1)) == []
     endless = models.gaits.pronk(0.5)
-    assert BODY.notices(endless.bind((BODY,), BODY.state.unpack(BODY.state()))) == []
+    assert BODY.warnings(endless.bind((BODY,), BODY.state.unpack(BODY.state()))) == []
 
 
 def test_keyframes_after_a_gait_are_looked_at():
@@ -202,7 +202,9 @@ def test_two_models_of_one_robot_warn_once():
     objective = ocp.Objective(ocp.regularize(joints.torque), ocp.regularize(models.feet.force))
     schedule = BODY.over(0.1, dt=0.05) + rigid.over(0.1, dt=0.05)
     compiled = ocp.compile_problem(ocp.Problem(motion, schedule, objective, initial=BODY.state()))
-    assert [notice.text.split(" - ")[0] for notice in ocp.notices(compiled)] == ["stance foot held off the ground"]
+    assert [warning.text.split(" - ")[0] for warning in ocp.find_warnings(compiled)] == [
+        "stance foot held off the ground"
+    ]
 
 
 def test_a_rigid_body_alone_knows_flights():
@@ -210,8 +212,8 @@ def test_a_rigid_body_alone_knows_flights():
     motion = ocp.Motion(keyframe("fall", NONE, 0.2, position=(0, 0, 1.0)))
     objective = ocp.Objective(ocp.regularize(models.feet.force), ocp.track(base.position))
     problem = ocp.Problem(motion, rigid.until_end(dt=0.05), objective, initial=rigid.state(position=(0, 0, 1.0)))
-    (notice,) = ocp.notices(ocp.compile_problem(problem))
-    assert "no ballistic flight" in notice.text
+    (warning,) = ocp.find_warnings(ocp.compile_problem(problem))
+    assert "no ballistic flight" in warning.text
 
 
 def test_an_endless_motion_is_looked_at_once():
@@ -220,4 +222,4 @@ def test_an_endless_motion_is_looked_at_once():
     )
     objective = ocp.Objective(ocp.regularize(joints.torque))
     compiled = ocp.compile_problem(ocp.Problem(hop, BODY.over(0.4, dt=0.05), objective, initial=BODY.state()))
-    assert [notice.where.split("'")[1] for notice in ocp.notices(compiled)] == ["stand"]
+    assert [warning.where.split("'")[1] for warning in ocp.find_warnings(compiled)] == ["stand"]

@@ -25,9 +25,9 @@ def problem(*terms, angle=0.0):
 @pytest.mark.parametrize("angle", [2.9, -2.9, pi])
 def test_a_residual_near_half_a_turn_is_reported_by_name(angle):
     term = ocp.track("turn", to=(0, 0, 0), when="second")
-    (notice,) = ocp.notices(ocp.compile_problem(problem(term, angle=angle)))
-    assert notice.where == f"term 'track turn' ({term.source}), phase 'second', node 0"
-    assert notice.text == (
+    (warning,) = ocp.find_warnings(ocp.compile_problem(problem(term, angle=angle)))
+    assert warning.where == f"term 'track turn' ({term.source}), phase 'second', node 0"
+    assert warning.text == (
         f"the residual is near half a turn - got {abs(angle):.2f} rad, expected less than 2.84 rad; beyond π it pulls "
         "the other way round: add a keyframe on the way, or lengthen the phase"
     )
@@ -39,15 +39,15 @@ def test_it_is_shown_by_the_description():
 
 
 def test_a_smaller_residual_is_not():
-    assert not ocp.notices(ocp.compile_problem(problem(ocp.track("turn", to=(0, 0, 0)), angle=2.8)))
+    assert not ocp.find_warnings(ocp.compile_problem(problem(ocp.track("turn", to=(0, 0, 0)), angle=2.8)))
 
 
 def test_a_residual_that_weighs_nothing_is_not():
-    assert not ocp.notices(ocp.compile_problem(problem(ocp.track("turn", weight=0.0, to=(0, 0, 0)), angle=3.0)))
+    assert not ocp.find_warnings(ocp.compile_problem(problem(ocp.track("turn", weight=0.0, to=(0, 0, 0)), angle=3.0)))
 
 
 def test_following_the_path_is_not():
-    assert not ocp.notices(ocp.compile_problem(problem(ocp.track("turn"), angle=3.0)))
+    assert not ocp.find_warnings(ocp.compile_problem(problem(ocp.track("turn"), angle=3.0)))
 
 
 def test_a_solver_asks_about_its_own_iterate():
@@ -56,9 +56,9 @@ def test_a_solver_asks_about_its_own_iterate():
     ends = [Guess(phase).terminal["residual"] for phase in compiled.phases]
     assert not ocp.half_turns(compiled, stages, [end[0] for end in ends])
     stages[1][2, 3:] = (0.0, 2.0, 2.3)
-    (notice,) = ocp.half_turns(compiled, stages, [end[0] for end in ends])
-    assert notice.where.endswith("phase 'second', node 2")
-    assert "got 3.05 rad" in notice.text
+    (warning,) = ocp.half_turns(compiled, stages, [end[0] for end in ends])
+    assert warning.where.endswith("phase 'second', node 2")
+    assert "got 3.05 rad" in warning.text
 
 
 # ---- constraints that the initial state breaks
@@ -77,22 +77,22 @@ def falling(*rows):
 
 def test_a_constraint_that_the_start_breaks_is_reported():
     high = ocp.inequality(lambda s: [s.z, s.vz], lower=(1.5, -1.0), unit="m", scale=0.5, name="high", labels=("z", "v"))
-    (notice,) = ocp.notices(falling(high))
-    assert notice.where == f"term 'high v lower' ({high.source}), phase 'drop', node 0"
-    assert notice.text == (
+    (warning,) = ocp.find_warnings(falling(high))
+    assert warning.where == f"term 'high v lower' ({high.source}), phase 'drop', node 0"
+    assert warning.text == (
         "the initial state breaks it - got it missed by 1 m, expected a start that meets it; no control can mend that: "
         "move the start or the bound, or restrict it with when="
     )
     still = ocp.equality(lambda s: s.vz, name="still")
-    (notice,) = ocp.notices(falling(still))
-    assert "got it missed by 2, expected" in notice.text
+    (warning,) = ocp.find_warnings(falling(still))
+    assert "got it missed by 2, expected" in warning.text
 
 
 def test_constraints_that_do_not_hold_at_the_start_are_not_reported():
     def below(s):
         return -s.z
 
-    assert not ocp.notices(
+    assert not ocp.find_warnings(
         falling(
             ocp.inequality(below, at="end"),
             ocp.inequality(below, when="rise"),
