@@ -84,10 +84,10 @@ bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/figures.py
 
 sanitize: $(VENV)/dev.stamp
-	$(BIN)/python -m tests.solvers.native.memory sanitizers
+	$(BIN)/python -m tests.solvers.ilqr.native.memory sanitizers
 
 valgrind: $(VENV)/dev.stamp
-	$(BIN)/python -m tests.solvers.native.memory valgrind
+	$(BIN)/python -m tests.solvers.ilqr.native.memory valgrind
 
 clean:
 	rm -rf build dist site src/piaffe.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

@@ -24,7 +24,7 @@ from common import arguments, begin, busy_iteration, machine_at, middle, profile
 from piaffe import models, ocp, solvers
 from piaffe.models import base, feet, joints
 from piaffe.solvers.ilqr.native.library import library_for
-from piaffe.solvers.ilqr.native.memory import Machine
+from piaffe.solvers.ilqr.native.memory import SolverMemory
 
 NODES = (25, 50, 100, 200, 500, 1000, 2000)
 LANES = (1, 4, 8)
@@ -67,7 +67,7 @@ def problems() -> dict[int, ocp.CompiledProblem]:
     return made
 
 
-def at_once(machines: list[Machine]) -> tuple[float, float]:
+def at_once(machines: list[SolverMemory]) -> tuple[float, float]:
     """Return seconds on the clock in which all machines solve, a thread each, and the mean of the threads' own."""
     for machine in machines:
         begin(machine)

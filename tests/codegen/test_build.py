@@ -2,7 +2,6 @@
 
 import ctypes
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -24,7 +23,6 @@ from piaffe.codegen.cpu import this_cpu
 from piaffe.codegen.processes import CompileError
 from piaffe.codegen.sources import Origin, Sources
 from piaffe.errors import SolverError
-from piaffe.solvers.ilqr.native.program import MAKERS
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
 pytestmark = pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
@@ -36,7 +34,7 @@ UNITS = (
 )
 CHILD = """
 import sys
-from piaffe.solvers.native import build, load
+from piaffe.codegen import build, load
 def progress(done, steps, name):
     print(done, steps, name, flush=True)
 built = build([("one", "int one(void) { return 1; }"), ("two", "int two(void) { return 2; }")], progress=progress)
@@ -196,14 +194,6 @@ def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
     assert first.key == second.key != other.key
     assert len(made) == 2
     assert load(second).one() == 1
-
-
-def test_what_makes_a_solver_s_texts_is_in_their_origin() -> None:
-    package = Path(compilers.__file__).parent
-    for module in MAKERS:
-        found = re.findall(r"^from \.(\w+) import", (package / module).read_text(), re.MULTILINE)
-        others = {f"{name}.py" for name in found} - {"build.py", "texts.py", "cpu.py"}  # flags and texts are in the key
-        assert others <= set(MAKERS), module
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ def tumbling(integrator: str) -> ocp.Problem:
     """A state with a rotation between vectors, without control."""
     inertia = cs.DM([1.0, 2.0, 4.0])
 
-    def free(s: ocp.view.NodeView) -> dict[str, cs.SX]:
+    def free(s: ocp.NodeView) -> dict[str, cs.SX]:
         return {"h": -s.h, "q": s.w, "w": -cs.cross(s.w, inertia * s.w) / inertia}
 
     model = ocp.Model("tumbling", state={"h": 1, "q": "rotation", "w": 3}, modes={"free": free}, integrator=integrator)  # type: ignore[arg-type]  # one of three

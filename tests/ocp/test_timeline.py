@@ -164,21 +164,23 @@ def test_whether_a_horizon_covers_the_motion():
 # ---- a robot with two models
 
 
+STEPS = ocp.Motion(
+    ocp.Phase("stand", stance("FL FR HL HR"), 0.1),
+    ocp.Phase("left", stance("FL HR"), 0.1),
+    ocp.Phase("right", stance("FR HL"), 0.1),
+    ocp.Phase("again", stance("FL HR"), 0.1),
+)
+
+
 @pytest.fixture(scope="module")
 def cascade():
     """Standing, one diagonal pair, the other; whole body until the first touchdown, then a single rigid body."""
     robot = models.load("mini_cheetah")
     body, srb = models.WholeBody(robot), models.SingleRigidBody(robot)
-    motion = ocp.Motion(
-        ocp.Phase("stand", stance("FL FR HL HR"), 0.1),
-        ocp.Phase("left", stance("FL HR"), 0.1),
-        ocp.Phase("right", stance("FR HL"), 0.1),
-        ocp.Phase("again", stance("FL HR"), 0.1),
-    )
     objective = ocp.Objective(
         ocp.track(base.position), ocp.regularize(joints.torque, 0.1), ocp.regularize(feet.force, weight=0.01)
     )
-    problem = ocp.Problem(motion, body.over(0.2, dt=0.02) + srb.over(0.2, dt=0.05), objective, initial=body.state())
+    problem = ocp.Problem(STEPS, body.over(0.2, dt=0.02) + srb.over(0.2, dt=0.05), objective, initial=body.state())
     return ocp.compile_problem(problem)
 
 
@@ -213,7 +215,7 @@ def test_a_touchdown_at_the_junction_belongs_to_the_model_before_it(cascade):
 def test_at_the_horizon_s_end_a_touchdown_leaves_its_equality(cascade):
     body = cascade.phases[0].mode.model
     problem = ocp.Problem(
-        cascade.path.motion,
+        STEPS,
         body.over(0.2, dt=0.02),
         ocp.Objective(ocp.regularize(joints.torque)),
         initial=cascade.initial,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from piaffe.errors import ShapeError
-from piaffe.sampling import reduce
+from piaffe.sampling.controllers import reduce
 
 SIZES = [(5, 64, 3), (97, 130, 9), (1, 1, 1), (3, 63, 2), (4, 200, 1)]
 

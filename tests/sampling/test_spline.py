@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from piaffe.sampling import spline as module
+from piaffe.sampling.controllers import spline as module
 from piaffe.sampling.controllers.spline import Spline
 
 # Published weights of nodes 0 … 4 on controls 0 … 7 of 16; rows 9 to 16 mirror them.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from piaffe.solvers import barrier
+from piaffe.solvers.ilqr import barrier
 
 DELTA = np.array([0.3])
 POINTS = np.array([-2.0, -0.1, 0.0, 0.1, 0.29, 0.31, 1.0, 50.0])

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from piaffe.ocp import compile_problem
-from piaffe.solvers import LqPhase, MSiLQR, barrier
+from piaffe.solvers import LqPhase, MSiLQR
+from piaffe.solvers.ilqr import barrier
 from piaffe.solvers.ilqr.iterate import Iterate
 from piaffe.solvers.ilqr.run import Run
 
-from ..problems import PROBLEMS, linear_quadratic
+from ...problems import PROBLEMS, linear_quadratic
 
 STEP = 1e-6  # central differences: error of order STEP² from curvature and 1e-16/STEP from rounding
 

@@ -12,7 +12,7 @@ from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
 
-from ..problems import PROBLEMS, bouncing_ball, linear_quadratic, rope, swing_up
+from ...problems import PROBLEMS, bouncing_ball, linear_quadratic, rope, swing_up
 from .dense import stack_problem
 from .referee import Verdict, referee
 

@@ -13,7 +13,7 @@ from piaffe.errors import ProblemError, SolverError
 from piaffe.ocp import CompiledProblem, Trajectory, compile_problem
 from piaffe.solvers import MSiLQR, Options, Solution, Status
 
-from ..problems import PROBLEMS, rope
+from ...problems import PROBLEMS, rope
 
 BACKENDS = ("native", "numpy")
 pytestmark = pytest.mark.filterwarnings("ignore::piaffe.codegen.NoCompilerWarning")

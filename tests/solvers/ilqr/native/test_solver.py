@@ -30,7 +30,7 @@ from piaffe.solvers.ilqr.native.program import program
 from piaffe.solvers.ilqr.result import assemble
 from piaffe.solvers.ilqr.run import Run
 
-from ...problems import PROBLEMS, linear_quadratic
+from ....problems import PROBLEMS, linear_quadratic
 from .watched import Watched, same_decisions
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
