@@ -1,3 +1,3 @@
-"""Piaffe: declare a legged motion once; optimise, control, sample and export it."""
+"""Piaffe: declare a motion of a legged robot once; optimise it and sample it from the same declaration."""
 
 __version__ = "0.1.0"
