@@ -49,7 +49,7 @@ def examine_text(urdf: Path) -> tuple[list[Finding], bool]:
     try:
         root = ElementTree.fromstring(urdf.read_bytes())
     except (OSError, ElementTree.ParseError) as error:
-        return [finding("error", where, "no XML", f"'{error}'", "a URDF file", "mend it")], False
+        return [finding("error", where, "no XML", f"'{error}'", "a URDF file", "fix it")], False
     if root.tag != "robot":
         advice = "convert xacro and SDF to URDF first"
         return [finding("error", where, "no URDF", f"<{root.tag}> as outermost tag", "<robot>", advice)], False
@@ -91,10 +91,10 @@ def _inertial(where: str, link: Element) -> Iterator[Finding]:
         keys = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
         entries = [float(tensor_tag.get(key, "0")) if tensor_tag is not None else 0.0 for key in keys]
     except ValueError as error:
-        yield finding("error", where, "inertial is no number", f"'{error}'", "numbers", "mend it")
+        yield finding("error", where, "inertial is no number", f"'{error}'", "numbers", "fix it")
         return
     if not mass >= 0:
-        yield finding("error", where, "mass is impossible", f"{mass:g} kg", "a number ≥ 0", "mend it")
+        yield finding("error", where, "mass is impossible", f"{mass:g} kg", "a number ≥ 0", "fix it")
         return
     yield from judge_inertia(where, mass, np.array(entries).reshape(3, 3))
 
@@ -102,7 +102,7 @@ def _inertial(where: str, link: Element) -> Iterator[Finding]:
 def judge_inertia(where: str, mass: float, tensor: Array) -> Iterator[Finding]:
     """Yield what is wrong with an inertia about the centre of mass, (3, 3) [kg m^2]."""
     if not np.all(np.isfinite(tensor)):
-        yield finding("error", where, "inertia is not finite", "NaN or infinity", "numbers", "mend it")
+        yield finding("error", where, "inertia is not finite", "NaN or infinity", "numbers", "fix it")
         return
     smallest, middle, largest = np.linalg.eigvalsh(tensor)
     got = f"principal inertias {smallest:.3g}, {middle:.3g}, {largest:.3g} kg m^2"
@@ -137,7 +137,7 @@ def _joint(where: str, joint: Element) -> Iterator[Finding]:
         keys = ("lower", "upper", "effort", "velocity")
         limits = {} if limit is None else {key: float(limit.get(key, "0")) for key in keys}
     except ValueError as error:
-        yield finding("error", where, "axis or limit is no number", f"'{error}'", "numbers", "mend it")
+        yield finding("error", where, "axis or limit is no number", f"'{error}'", "numbers", "fix it")
         return
     length = float(np.linalg.norm(axis))
     if abs(length - 1) > 1e-3:

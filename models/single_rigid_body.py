@@ -165,7 +165,7 @@ def _six(robot: Robot, inertia: ArrayLike) -> Array:
     if not np.all(principal > 0):
         raise ModelError(
             f"rigid body of '{robot.name}': inertia is that of no body - got principal inertias {principal.tolist()} "
-            "kg m^2, expected positive ones; mend it"
+            "kg m^2, expected positive ones; fix it"
         )
     return array
 

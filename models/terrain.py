@@ -135,7 +135,7 @@ class Box:
         if not (all(map(isfinite, numbers)) and min(*self.size, self.height) > 0):
             raise ModelError(
                 f"terrain box: no block - got place {self.place}, size {self.size}, height {self.height}, yaw "
-                f"{self.yaw}, expected finite numbers, sizes and height above 0 [m]; mend it"
+                f"{self.yaw}, expected finite numbers, sizes and height above 0 [m]; fix it"
             )
 
     def covers(self, x: Any, y: Any) -> Any:

@@ -162,6 +162,6 @@ def per_joint(robot: Robot, where: str, value: Any) -> Array:
             raise ModelError(
                 f"{where} of '{robot.name}': no number for joint '{name}' - got {value!r}, expected one number, "
                 f"{robot.num_joints} numbers or a mapping from labels that names every joint, each finite and ≥ 0; "
-                "mend it"
+                "fix it"
             )
     return numbers

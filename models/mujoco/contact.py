@@ -51,7 +51,7 @@ class SoftContact:
                 raise ModelError(f"contact: {name} is unknown - got {value!r}, expected one of {known}; choose one")
         for name, count in (("iterations", self.iterations), ("line_search", self.line_search)):
             if not (isinstance(count, int) and count >= 1):
-                raise ModelError(f"contact: {name} is no count - got {count!r}, expected a whole number ≥ 1; mend it")
+                raise ModelError(f"contact: {name} is no count - got {count!r}, expected a whole number ≥ 1; fix it")
 
     @staticmethod
     def accurate(**changes: Any) -> SoftContact:

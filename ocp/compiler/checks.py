@@ -49,7 +49,7 @@ def _check_finite_target(targets: dict[Quantity, Array]) -> None:
         if not np.all(np.isfinite(value)):
             raise ProblemError(
                 f"keyframe, target '{quantity}': is not finite - got {np.asarray(value).tolist()}, expected finite "
-                "numbers; mend it"
+                "numbers; fix it"
             )
 
 

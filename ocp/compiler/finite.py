@@ -100,4 +100,4 @@ def _source(compiled: CompiledProblem, row: Row) -> str:
 
 
 def _error(where: str, entry: int, got: float) -> ProblemError:
-    return ProblemError(f"{where} is not finite - got {got} at entry {entry}, expected finite numbers; mend it")
+    return ProblemError(f"{where} is not finite - got {got} at entry {entry}, expected finite numbers; fix it")

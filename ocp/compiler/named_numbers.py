@@ -107,11 +107,11 @@ def check_value(compiled: CompiledProblem, number: NamedNumber, value: ArrayLike
         entry = int(np.argmax(bad))
         raise ProblemError(
             f"{where}, number '{number.name}': is not finite - got {array[entry]} at entry {entry}, expected finite "
-            "numbers; mend it"
+            "numbers; fix it"
         )
     if number.slots[0][1].endswith(".weight") and np.any(array < 0):
         raise ProblemError(
-            f"{where}, number '{number.name}': weight is unusable - got {array.tolist()}, expected numbers ≥ 0; mend it"
+            f"{where}, number '{number.name}': weight is unusable - got {array.tolist()}, expected numbers ≥ 0; fix it"
         )
     return array
 
@@ -159,7 +159,7 @@ def initial_state(compiled: CompiledProblem, initial: ArrayLike, where: str) -> 
     if bad.size:
         raise ProblemError(
             f"{where}, initial state, '{state.stored_labels[bad[0]]}': is not finite - got {x[bad[0]]} at entry "
-            f"{bad[0]}, expected finite numbers; mend it"
+            f"{bad[0]}, expected finite numbers; fix it"
         )
     for quantity, part in state.slices.items():
         if quantity.kind == "rotation" and not np.any(x[part]):

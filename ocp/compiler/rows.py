@@ -142,11 +142,11 @@ class TermBinder:
         if count % mask.numel():
             raise ShapeError(
                 f"{where}: mask has the wrong size - got {mask.numel()} entries, expected a divisor of {count} rows; "
-                "mend it"
+                "fix it"
             )
         if cs.depends_on(mask, cs.vertcat(self._symbols.x, self._symbols.u, self._symbols.z)):
             raise ProblemError(
                 f"{where}: mask depends on state or control - got an expression of x, u or z, expected numbers of the "
-                "node (contact flags); mend it"
+                "node (contact flags); fix it"
             )
         return cs.kron(mask, cs.SX.ones(count // mask.numel()))

@@ -19,7 +19,7 @@ class Parameter(cs.SX):
         self.value: NDArray[np.float64] = np.atleast_1d(np.asarray(value, dtype=float))
         if self.value.ndim != 1 or not np.all(np.isfinite(self.value)):
             raise ProblemError(
-                f"parameter '{name}': value is unusable - got {value!r}, expected finite numbers in one column; mend it"
+                f"parameter '{name}': value is unusable - got {value!r}, expected finite numbers in one column; fix it"
             )
         self.label = name
         super().__init__(cs.SX.sym(name, self.value.size))

@@ -116,7 +116,7 @@ def _initial(initial: ArrayLike, schedule: Schedule, source: Source) -> Array:
         bad = [int(i) for i in np.flatnonzero(~np.isfinite(x0))]
         raise ProblemError(
             f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite "
-            "numbers; mend it"
+            "numbers; fix it"
         )
     for quantity, where in head.state.slices.items():
         if quantity.kind == "rotation" and not np.any(x0[where]):
@@ -134,6 +134,6 @@ def _parameters(values: Mapping[str, ArrayLike], source: Source) -> dict[str, Ar
     for name, array in arrays.items():
         if not np.all(np.isfinite(array)):
             raise ProblemError(
-                f"{where}, parameter '{name}': is not finite - got {array.tolist()}, expected finite numbers; mend it"
+                f"{where}, parameter '{name}': is not finite - got {array.tolist()}, expected finite numbers; fix it"
             )
     return arrays

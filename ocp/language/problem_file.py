@@ -108,6 +108,6 @@ def does_not_run(path: Path, error: Exception) -> ProblemError:
             line = frame.lineno
     where = f"{path}:{line}" if line else str(path)
     return ProblemError(
-        f"{where}: the file does not run - got {type(error).__name__}: {error}, expected a declaration; mend it (with "
+        f"{where}: the file does not run - got {type(error).__name__}: {error}, expected a declaration; fix it (with "
         "--traceback before the command you see the whole way)"
     )

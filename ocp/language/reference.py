@@ -253,7 +253,7 @@ class FromArrays(Reference):
             if not np.all(np.isfinite(values)):
                 raise ProblemError(
                     f"FromArrays, '{quantity}': values are unusable - got NaN or infinity, expected finite numbers; "
-                    "mend them"
+                    "fix them"
                 )
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:

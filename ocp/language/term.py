@@ -135,7 +135,7 @@ class Cost(Term):
             values = np.broadcast_to(values, (len(labels),)).astype(float)
         if not np.all(np.isfinite(values)) or np.any(values < 0):
             raise ProblemError(
-                f"{self.where}: weight is unusable - got {values.tolist()}, expected finite numbers ≥ 0; mend it"
+                f"{self.where}: weight is unusable - got {values.tolist()}, expected finite numbers ≥ 0; fix it"
             )
         return values
 

@@ -64,7 +64,7 @@ def call(function: Callable[..., Any], where: str, *arguments: Any, **named: Any
         text = " ".join(str(error).split())
         raise ProblemError(
             f"{where}: the function fails{_line(error)} - got {type(error).__name__}: {text}, expected an expression "
-            "made with CasADi's functions; mend it"
+            "made with CasADi's functions; fix it"
         ) from error
 
 

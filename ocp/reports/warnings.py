@@ -36,7 +36,7 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
 
 
 def broken_at_start(compiled: CompiledProblem) -> list[ProblemWarning]:
-    """Return a warning per constraint on the state that the initial state breaks: no control can mend it there.
+    """Return a warning per constraint on the state that the initial state breaks: no control can change that.
 
     Args:
         compiled: the problem.
@@ -56,7 +56,7 @@ def broken_at_start(compiled: CompiledProblem) -> list[ProblemWarning]:
                 ProblemWarning(
                     f"term '{compiled.row_name(row)}' ({declared.source}), phase '{phase.name}', node 0",
                     f"the initial state breaks it - got it missed by {missed[i] * row.scale:.3g} {row.unit}".rstrip()
-                    + ", expected a start that meets it; no control can mend that: move the start or the bound, or "
+                    + ", expected a start that meets it; no control can change it: move the start or the bound, or "
                     "restrict it with when=",
                 )
             )

@@ -1,4 +1,4 @@
-"""Rollouts on the CPU in lanes: MuJoCo's step of a legged robot as generated C, several samples per instruction."""
+"""Roll-outs on the CPU with SIMD: MuJoCo's step of a legged robot as generated C, several samples per instruction."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _MAKERS = (lanes_text, recursions, tree, rotation, ocp_lanes)  # whose code make
 
 
 class DifferentError(SamplingError):
-    """The engine in lanes does not simulate what the installed MuJoCo does."""
+    """The SIMD engine does not simulate what the installed MuJoCo does."""
 
 
 class SimdEngine(Engine):
@@ -87,7 +87,7 @@ class SimdEngine(Engine):
             loaded, self._width = _library(SceneText(scene), width)
         except NoCompilerError as error:
             raise SamplingError(
-                f'lanes engine: {error}; install one, pip install "piaffe[compiler]", or choose engine="native"'
+                f'simd engine: {error}; install one, pip install "piaffe[compiler]", or choose engine="native"'
             ) from error
         self._run, size = loaded.piaffe_simulate, loaded.piaffe_simulate_memory()
         self._memory = [np.zeros(size + _ALIGNMENT, dtype=np.uint8) for _ in range(self.threads)]
@@ -134,7 +134,7 @@ class SimdEngine(Engine):
         if not (worst < _AGREEMENT and np.array_equal(want.failed, got.failed) and np.any(both)):
             self.close()
             raise DifferentError(
-                f"lanes engine: states differ from those of MuJoCo {import_mujoco().__version__} - got {worst:.1e} of "
+                f"simd engine: states differ from those of MuJoCo {import_mujoco().__version__} - got {worst:.1e} of "
                 f"their size with {int(np.sum(both))} of {_TRIALS} trials finite, expected less than {_AGREEMENT:g}; "
                 'choose engine="native", and tell us'
             )
@@ -168,7 +168,7 @@ def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     # than its change is found when it is compared with MuJoCo.
     makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
     parts = [template, text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.SIMD_H, *makers]
-    built = build(Origin(parts, texts), width=width, label="rollouts in lanes")
+    built = build(Origin(parts, texts), width=width, label="SIMD roll-outs")
     loaded = load(built)
     loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long
     return loaded, built.width

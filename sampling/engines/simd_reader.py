@@ -1,4 +1,4 @@
-"""A MuJoCo model of a legged robot as the engine in lanes takes it, or a sentence on what it does not take."""
+"""A MuJoCo model of a legged robot as the SIMD engine takes it, or a sentence on what it does not take."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def scene_of(model: Any) -> Scene:
 
 def _refuse(what: str, got: object, expected: str) -> SamplingError:
     return SamplingError(
-        f'lanes engine: {what} - got {got}, expected {expected}; change the model, or choose engine="native"'
+        f'simd engine: {what} - got {got}, expected {expected}; change the model, or choose engine="native"'
     )
 
 

@@ -1,4 +1,4 @@
-"""A legged robot and its ground in numbers, as the engine in lanes simulates them."""
+"""A legged robot and its ground in numbers, as the SIMD engine simulates them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Functions as C in lanes over samples, on threads."""
+"""Functions as SIMD C over samples, on threads."""
 
 from __future__ import annotations
 

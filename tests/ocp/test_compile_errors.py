@@ -127,7 +127,7 @@ def test_initial_state_of_the_wrong_size():
     problem = ocp.Problem(ocp.Motion(DROP), BALL.until_end(dt=0.02), CHEAP, initial=[1.0, 0.0])
     assert told(ProblemError, lambda: problem.with_initial([np.nan, 0.0])) == (
         "problem (HERE): initial state is not finite - got NaN or infinity at entries [0], expected finite numbers; "
-        "mend it"
+        "fix it"
     )
 
 
@@ -420,7 +420,7 @@ def test_weights_by_name_of_the_wrong_size():
     ("value", "message"),
     [
         ("high", ", keyframe: target 'z' is unusable - got 'high', expected numbers; give some"),
-        (np.inf, ": keyframe, target 'z': is not finite - got [inf], expected finite numbers; mend it"),
+        (np.inf, ": keyframe, target 'z': is not finite - got [inf], expected finite numbers; fix it"),
     ],
 )
 def test_keyframes_that_are_no_numbers(value, message):
@@ -680,7 +680,7 @@ def test_functions_that_fail_name_the_line_that_failed():
     term = ocp.residual(lambda s: helper(1)).weighted(1.0, name="own")
     assert told(ProblemError, lambda: ball(objective=CHEAP + term)) == (
         "term 'own' (HERE): the function fails at HERE - got ZeroDivisionError: division by zero, expected an "
-        "expression made with CasADi's functions; mend it"
+        "expression made with CasADi's functions; fix it"
     )
     other = cs.MX.sym("other")
     for function in (lambda s: s.z + other, lambda s: s.z[3], lambda s: 1 if s.z > 0 else 0):

@@ -80,7 +80,7 @@ def test_a_constraint_that_the_start_breaks_is_reported():
     (warning,) = ocp.find_warnings(falling(high))
     assert warning.where == f"term 'high v lower' ({high.source}), phase 'drop', node 0"
     assert warning.text == (
-        "the initial state breaks it - got it missed by 1 m, expected a start that meets it; no control can mend that: "
+        "the initial state breaks it - got it missed by 1 m, expected a start that meets it; no control can change it: "
         "move the start or the bound, or restrict it with when="
     )
     still = ocp.equality(lambda s: s.vz, name="still")

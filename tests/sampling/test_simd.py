@@ -237,7 +237,7 @@ def test_samples_that_diverge_fail_alone():
 )
 def test_what_it_does_not_simulate_is_named_and_left_to_mujoco(changes, message):
     model = simulated(**changes)
-    with pytest.raises(SamplingError, match=f'lanes engine: {message}.*; change the model, or choose engine="native"'):
+    with pytest.raises(SamplingError, match=f'simd engine: {message}.*; change the model, or choose engine="native"'):
         engine_for(model, "simd")
     with engine_for(model) as engine:
         assert isinstance(engine, NativeEngine)
@@ -253,7 +253,7 @@ def test_without_a_compiler_auto_takes_mujoco(monkeypatch):
         raise NoCompilerError("no compiler")
 
     monkeypatch.setattr(lanes, "build", fail)
-    with pytest.raises(SamplingError, match=r'lanes engine: no compiler; install one, pip install "piaffe\[compiler'):
+    with pytest.raises(SamplingError, match=r'simd engine: no compiler; install one, pip install "piaffe\[compiler'):
         SimdEngine(simulated())
     with engine_for(simulated()) as engine:
         assert isinstance(engine, NativeEngine)
@@ -311,7 +311,7 @@ FOREIGN = {
 def test_what_others_may_set_is_refused_by_name(what):
     compiled = copy.copy(simulated().compiled())
     FOREIGN[what](compiled)
-    with pytest.raises(SamplingError, match=rf"lanes engine: .*{what}"):
+    with pytest.raises(SamplingError, match=rf"simd engine: .*{what}"):
         SimdEngine(SimpleNamespace(compiled=lambda: compiled, substeps=1))
 
 
@@ -319,5 +319,5 @@ def test_a_closed_engine_says_so():
     model = simulated()
     engine = SimdEngine(model)
     engine.close()
-    with pytest.raises(SamplingError, match="lanes engine: rollout after close"):
+    with pytest.raises(SamplingError, match="simd engine: rollout after close"):
         engine.rollout(model.state(joints="stand"), np.zeros((1, 1, 12)))

@@ -84,7 +84,7 @@ def test_number_that_is_not_finite_is_refused_by_name(name: str, told: str, bad:
     problem = poison(compile_problem(rope()), name, bad)
     with pytest.raises(ProblemError, match=re.escape(told.format(bad))) as caught:
         MSiLQR(problem, backend=backend).solve()
-    assert str(caught.value).endswith("expected finite numbers; mend it")
+    assert str(caught.value).endswith("expected finite numbers; fix it")
 
 
 def test_parameter_of_a_term_is_refused_when_the_problem_is_compiled() -> None:
