@@ -47,7 +47,7 @@ class Setting:
     horizon: int = 8
     controller: str = "td-cd"
     value: bool = True
-    engine: str = "lanes"
+    engine: str = "simd"
     threads: int | None = None
 
     def __str__(self) -> str:
