@@ -16,9 +16,12 @@ from piaffe.ocp import LoweredMode, LoweredTransition
 from .kernel import LINK_FUNCTIONS, MODE_FUNCTIONS, link_kernel, mode_kernel
 
 TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
-    "piaffe.h", "mode.inc", "rows.inc", "kkt.inc", "riccati.inc", "rollout.inc", "tiles.inc", "link.inc", "small.inc",
-    "solver.c",
+    "piaffe.h", "parts.h",
+    "solver.c", "manifold.inc", "barrier.inc", "trial.inc", "model.inc", "direction.inc", "search.inc", "outer.inc",
+    "parts.inc",
+    "mode.inc", "link.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "rollout.inc",
 )}  # fmt: skip
+"""What is shared; the solver, one unit; a mode's or transition's unit."""
 
 MAKERS = ("elimination.py", "nonzeros.py", "kernel.py", "library.py", "program.py", "tables.py")
 _SOURCES = (  # read when they are imported: what they say later is not what made the texts

@@ -89,7 +89,7 @@ typedef struct {
 
 enum { CONVERGED, ITERATION_LIMIT, TIME_LIMIT, LINE_SEARCH_FAILED, INFEASIBLE, NOT_FINITE, INTERRUPTED };
 
-typedef struct {
+typedef struct Problem {
     int num_phases, num_groups, num_links;
     Phase *phases;
     Group *groups;                          /* stages and ends, by mode */
