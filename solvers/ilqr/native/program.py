@@ -13,6 +13,7 @@ from piaffe.codegen import generate
 from piaffe.codegen import simd as lanes
 from piaffe.ocp import LoweredMode, LoweredTransition
 
+from ... import constants
 from .kernel import LINK_FUNCTIONS, MODE_FUNCTIONS, link_kernel, mode_kernel
 
 TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
@@ -52,7 +53,7 @@ def origin(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...])
 
     To write the functions out as CasADi does takes a tenth of the time that it takes to lower them to C.
     """
-    parts = [cs.CasadiMeta.version(), lanes.SIMD_H, *_SOURCES]
+    parts = [cs.CasadiMeta.version(), lanes.SIMD_H, constants_header(), *_SOURCES]
     parts += [part for entry in TEMPLATES.items() for part in entry]
     for mode in modes:
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]
@@ -85,4 +86,10 @@ def program(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...]
     units = generate(functions)
     includes = {name: text for name, text in TEMPLATES.items() if name != "solver.c"}
     expressions = tuple((unit.name, unit.text) for unit in units.units)
-    return Program(expressions, tuple(kernels), {**units.headers, **includes})
+    return Program(expressions, tuple(kernels), {**units.headers, **includes, "constants.h": constants_header()})
+
+
+def constants_header() -> str:
+    """Return the constants that both backends share, as C."""
+    lines = [f"#define {name} {value!r}" for name, value in constants.table().items()]
+    return "\n".join(["#ifndef PIAFFE_CONSTANTS_H", "#define PIAFFE_CONSTANTS_H", *lines, "#endif", ""])

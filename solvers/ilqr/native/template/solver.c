@@ -1,14 +1,12 @@
 /* Multi-phase multiple-shooting iLQR: the algorithm of solvers/run.py and solvers/outer.py, without Python and without allocation.
- * This file is the loop. The files that it includes are compiled with it, as one unit: the compiler can inline all of it. */
+ * This file is the loop. The files that it includes are compiled with it, as one unit: the compiler can inline all of it.
+ * Names in capitals are of solvers/constants.py, by way of constants.h. */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <string.h>
 #include <time.h>
 
 #include "piaffe.h"
-
-enum { PATIENCE = 8 };
-static const double NEARLY_CLOSED = 0.05, SAME = 1e-9;
 
 #include "manifold.inc"
 #include "barrier.inc"
@@ -64,7 +62,7 @@ static void begin_search(Problem *pr)
 /* Whether the accepted iterate has the merit that the state of an earlier search belongs to. */
 static int is_same(const Problem *pr, const Sums *at)
 {
-    return fabs(at->cost + at->penalty + pr->rho * at->gap - pr->resume_merit) <= SAME * (1 + fabs(pr->resume_merit));
+    return fabs(at->cost + at->penalty + pr->rho * at->gap - pr->resume_merit) <= SAME_MERIT * (1 + fabs(pr->resume_merit));
 }
 
 /* `resumed`: 0 for a cold start; 1 if barrier and multipliers are those of an earlier solve; 2 if the state of the search is,
@@ -106,7 +104,7 @@ int piaffe_solve(Problem *pr, int resumed)
             update(pr, &at, stationary);
             pr->inner = pr->num_gains = 0;
             linearise(pr);
-            if (pr->unmoved > 8) return INFEASIBLE;
+            if (pr->unmoved > MAX_UNMOVED) return INFEASIBLE;
             if (!direction(pr, dV)) return failure(pr);
         }
         if (o->time_limit_s > 0 && now() - began > o->time_limit_s) return TIME_LIMIT;
@@ -133,8 +131,11 @@ int piaffe_policy(Problem *pr)
     int found = 0;
     linearise(pr);
     for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 1;
-    for (double r = 0.0; !found && r <= pr->options.max_regularization; r = fmax(10 * r, pr->options.regularization))
+    double r = 0.0;
+    while (!found && r <= pr->options.max_regularization) {
         found = backward(pr, r);
+        r = fmax(POLICY_REGULARIZATION_FACTOR * r, pr->options.regularization);
+    }
     for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 0; /* sweeps of a solve need not write all that */
     return found;
 }
