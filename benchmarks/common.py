@@ -11,6 +11,7 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -19,16 +20,23 @@ from typing import Any
 import numpy as np
 
 from piaffe import ocp, solvers
-from piaffe.codegen.build import EXPRESSION_FLAGS, Built
+from piaffe.codegen.build import EXPRESSION_FLAGS, SOLVER_FLAGS, Built, build, load
 from piaffe.codegen.cpu import this_cpu
 from piaffe.solvers.ilqr.native.library import KERNEL_FLAGS, library_for
 from piaffe.solvers.ilqr.native.memory import SolverMemory
+from piaffe.solvers.ilqr.native.program import TEMPLATES
 from piaffe.solvers.ilqr.outer import Outer
 
 RESULTS = Path(__file__).with_name("results")
 PARTS = ("evaluation", "sums", "derivatives", "backward", "forward")
-"""What ``piaffe_profile`` times: dynamics and rows of a trial; its cost, merit and defects; the linear-quadratic model
-with derivatives and contact solves; Riccati sweep; linear roll-out."""
+"""The parts of an iteration: dynamics and rows of a trial; its cost, merit and defects; the linear-quadratic model with
+derivatives and contact solves; Riccati sweep; linear roll-out."""
+
+
+class _Part(ct.Structure):
+    """As in ``template/parts.h`` of the native backend."""
+
+    _fields_ = (("name", ct.c_char_p), ("run", ct.c_void_p))
 
 
 def surroundings(widest: Built | None = None) -> dict[str, Any]:
@@ -100,11 +108,23 @@ def steps(machine: SolverMemory) -> list[float]:
     return [machine.history[j].step_size for j in range(machine.c.num_records)]
 
 
+@cache
+def _profiler() -> Any:
+    """Return the timing program, compiled: it runs parts of any machine."""
+    text = Path(__file__).with_name("profile.c").read_text(encoding="utf-8")
+    headers = {"parts.h": TEMPLATES["parts.h"]}
+    function = load(build([("profile", text)], headers=headers, flags=SOLVER_FLAGS, label="profile")).profile
+    function.restype = None
+    return function
+
+
 def profile(machine: SolverMemory, repetitions: int = 1) -> dict[str, float]:
     """Return the least seconds of each part of an iteration."""
+    parts = (_Part * len(PARTS)).in_dll(machine.library, "piaffe_parts")
     seconds = (ct.c_double * len(PARTS))()
-    machine.library.piaffe_profile(ct.byref(machine.c), repetitions, seconds)
-    return dict(zip(PARTS, seconds, strict=True))
+    _profiler()(parts, len(PARTS), ct.byref(machine.c), repetitions, seconds)
+    by_name = {part.name.decode(): value for part, value in zip(parts, seconds, strict=True)}
+    return {name: by_name[name] for name in PARTS}
 
 
 def iteration(parts: Mapping[str, float]) -> float:

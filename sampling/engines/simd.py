@@ -42,6 +42,7 @@ _ALIGNMENT = 64  # bytes: of the widest vectors
 _AGREEMENT = 1e-7
 _FEW = 4  # iterations
 _TRIALS, _TRIAL_STEPS = 32, 3
+_TEMPLATES = ("simulate.c", "simulate.h", "contacts.inc", "constraints.inc", "gauss_seidel.inc", "step.inc")
 _MAKERS = (lanes_text, recursions, tree, rotation, ocp_lanes)  # whose code makes the smooth dynamics' C
 
 
@@ -157,17 +158,20 @@ class SimdEngine(Engine):
 
 def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     """Return the library of a scene, and how many lanes it has."""
-    template = files(__package__).joinpath("template", "simulate.c").read_text(encoding="utf-8")
+    folder = files(__package__).joinpath("template")
+    templates = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in _TEMPLATES}
 
     def texts() -> Sources:
         made = generate({"smooth": text.smooth})
-        units = [*((unit.name, unit.text) for unit in made.units), ("simulate", template)]
-        return Sources(units, {**made.headers, "scene.h": text.header}, {"simulate": SOLVER_FLAGS})
+        units = [*((unit.name, unit.text) for unit in made.units), ("simulate", templates["simulate.c"])]
+        includes = {name: template for name, template in templates.items() if name != "simulate.c"}
+        return Sources(units, {**made.headers, **includes, "scene.h": text.header}, {"simulate": SOLVER_FLAGS})
 
     # Sources that are short, and what the long one follows from. If a module is missing here, a library that is older
     # than its change is found when it is compared with MuJoCo.
     makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
-    parts = [template, text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.SIMD_H, *makers]
+    parts = [part for entry in templates.items() for part in entry]
+    parts += [text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.SIMD_H, *makers]
     built = build(Origin(parts, texts), width=width, label="SIMD roll-outs")
     loaded = load(built)
     loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long

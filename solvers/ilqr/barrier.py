@@ -12,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import constants
+
 Array = NDArray[np.float64]
 
 
@@ -39,9 +41,10 @@ def shrink(relaxation: Array, g: Array, mask: Array, slack: float, floor: float)
     """Return smaller relaxations for the rows that are violated by more than ``slack``, none below ``floor``.
 
     A row in the quadratic part pushes with λ = ε (2δ − g)/δ²; to push as hard at g = 0 it needs δ' = 2 ε/λ =
-    2 δ²/(2δ − g). A shrink is to between a third and 0.7, because the multiplier is only an estimate.
+    2 δ²/(2δ − g). A shrink is limited on both sides, because the multiplier is only an estimate.
     """
-    needed = np.clip(2 * relaxation**2 / np.maximum(2 * relaxation - g, relaxation), relaxation / 3, 0.7 * relaxation)
+    needed = 2 * relaxation**2 / np.maximum(2 * relaxation - g, relaxation)
+    needed = np.clip(needed, relaxation / constants.LARGEST_SHRINK, constants.LEAST_SHRINK * relaxation)
     violated = (g < -slack) & (mask > 0)
     return np.where(violated, np.clip(needed, np.minimum(floor, relaxation), relaxation), relaxation)
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import CompiledProblem
 
+from .. import constants
 from . import barrier
 from .iterate import PhaseDual, PhaseValues, masked
 from .options import Options
@@ -69,7 +70,7 @@ class Outer:
         """Return ε times the rows near their bound and their time: roughly the barrier's share of the cost."""
         total = 0.0
         for p, v in zip(self.problem.phases, values, strict=True):
-            total += p.dt * float(np.sum((v.g < 10 * self.o.relaxation) & (p.g_mask > 0)))
+            total += p.dt * float(np.sum((v.g < constants.NEAR_BOUND * self.o.relaxation) & (p.g_mask > 0)))
         return self.weight * total
 
     def update(
@@ -83,7 +84,7 @@ class Outer:
             violations: largest equality and inequality violation.
             stationary: whether the last sub-problem was solved; if it was only left, its cost says nothing of the gap.
         """
-        nearly_met = violations[1] <= 10 * self.o.max_inequality
+        nearly_met = violations[1] <= constants.NEARLY_MET * self.o.max_inequality
         if stationary and nearly_met and not self.gap_is_closed(cost):
             self.last_cost = cost
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
@@ -98,13 +99,14 @@ class Outer:
     def _watch(self, values: list[PhaseValues], violations: tuple[float, float]) -> None:
         """Count the solved sub-problems in a row that pushed as hard as they may and have not reduced the violation."""
         now = max(violations[0] / self.o.max_equality, violations[1] / self.o.max_inequality)
-        stays = now > 1 and now > 0.98 * self.last_violation and self._pushes_hardest(values)
+        remains = now > 1 and now > constants.NO_PROGRESS * self.last_violation
+        stays = remains and self._pushes_hardest(values)
         self.unmoved = self.unmoved + 1 if stays else 0
         self.last_violation = now
 
     def _pushes_hardest(self, values: list[PhaseValues]) -> bool:
         """Return whether every violated row has its largest penalty or its smallest relaxation."""
-        floor, slack, limit = 1.01 * self.floor, self.o.max_inequality, self.o.max_equality
+        floor, slack, limit = constants.AT_FLOOR * self.floor, self.o.max_inequality, self.o.max_equality
         for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
             soft = [
                 (v.g < -slack) & (p.g_mask > 0) & (d.relaxation > floor),
@@ -124,19 +126,19 @@ class Outer:
     @property
     def is_stuck(self) -> bool:
         """Whether pushing harder no longer reduces the violation."""
-        return self.unmoved > 8
+        return self.unmoved > constants.MAX_UNMOVED
 
     def _update_inequalities(self, values: list[PhaseValues]) -> None:
-        slack, floor = 0.25 * self.o.max_inequality, self.floor
+        slack, floor = constants.SLACK * self.o.max_inequality, self.floor
         for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
-            at, end_at = d.relaxation <= 1.01 * floor, d.end_relaxation <= 1.01 * floor
+            at, end_at = (delta <= constants.AT_FLOOR * floor for delta in (d.relaxation, d.end_relaxation))
             d.shift = np.where(at, barrier.recentre(d.shift, v.g, p.g_mask, slack), d.shift)
             d.end_shift = np.where(end_at, barrier.recentre(d.end_shift, v.end_g, p.end_g_mask, slack), d.end_shift)
             d.relaxation = barrier.shrink(d.relaxation, v.g, p.g_mask, slack, floor)
             d.end_relaxation = barrier.shrink(d.end_relaxation, v.end_g, p.end_g_mask, slack, floor)
 
     def _update_equalities(self, values: list[PhaseValues], equality: float) -> None:
-        slow = equality > 0.25 * self.last_equality and equality > self.o.max_equality
+        slow = equality > constants.SLOW_DECREASE * self.last_equality and equality > self.o.max_equality
         self.last_equality = equality
         factor = self.o.penalty_factor if slow else 1.0
         for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):

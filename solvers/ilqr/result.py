@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .. import constants
 from ..solution import PhaseSolution, Solution, Status
 from . import summary as accounts
 from .riccati import LqPhase, Sweep, backward
@@ -50,7 +51,7 @@ def _sweep(models: list[LqPhase], first: float, last: float) -> list[Sweep]:
         sweeps = backward(models, regularization)
         if sweeps is not None:
             return sweeps
-        regularization = max(10 * regularization, first)
+        regularization = max(constants.POLICY_REGULARIZATION_FACTOR * regularization, first)
     return [_blank(model) for model in models]
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import constants
 from ..solution import Record, SearchState, Status, is_same
 from .iterate import Evaluator, Iterate, PhaseValues, masked, penalty_cost, running_cost
 from .options import Options
@@ -95,9 +96,10 @@ class Run:
         """Return what a later solve needs to go on from here."""
         return SearchState(
             merit=self.augmented(self.current) + self.rho * self.current.gap, rho=self.rho, least_rho=self.least_rho,
-            regularization=self.regularization, step_size=self.step_size, gains=tuple(self.gains[-_PATIENCE:]),
-            inner=self.inner, unmoved=self.outer.unmoved, last_equality=float(self.outer.last_equality),
-            last_violation=float(self.outer.last_violation), last_cost=self.outer.last_cost,
+            regularization=self.regularization, step_size=self.step_size,
+            gains=tuple(self.gains[-constants.PATIENCE :]), inner=self.inner, unmoved=self.outer.unmoved,
+            last_equality=float(self.outer.last_equality), last_violation=float(self.outer.last_violation),
+            last_cost=self.outer.last_cost,
         )  # fmt: skip
 
     # ---- evaluation
@@ -174,7 +176,8 @@ class Run:
         """Return whether the sub-problem is solved: nothing is expected, or nothing has been gained for long."""
         tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
         nothing_expected = abs(direction.dV1 + 0.5 * direction.dV2) < tolerance
-        nothing_gained = len(self.gains) >= _PATIENCE and max(self.gains[-_PATIENCE:]) < tolerance
+        last = self.gains[-constants.PATIENCE :]
+        nothing_gained = len(last) == constants.PATIENCE and max(last) < tolerance
         return (nothing_expected or nothing_gained) and self.current.max_defect < self.o.max_defect
 
     def is_blocked(self) -> bool:
@@ -189,7 +192,7 @@ class Run:
 
     def is_due(self) -> bool:
         """Return whether to leave the sub-problem unsolved: it has had its iterations, and rows are violated."""
-        if self.inner < self.o.max_inner or self.current.max_defect >= _NEARLY_CLOSED:
+        if self.inner < self.o.max_inner or self.current.max_defect >= constants.NEARLY_CLOSED:
             return False
         return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(
             self.current.cost
@@ -243,18 +246,19 @@ class Run:
 
     def raise_regularization(self) -> None:
         """Regularise more."""
-        self.regularization = max(4 * self.regularization, self.o.regularization)
+        self.regularization = max(constants.REGULARIZATION_FACTOR * self.regularization, self.o.regularization)
 
     def adapt(self, size: float) -> None:
         """Regularise less after a good step, more after a short or failed one."""
         self.inner += 1
         self.step_size = size
         if size == 0.0:
-            self.raise_regularization()
-            self.raise_regularization()
-        elif size > 0.4:
-            self.regularization = self.regularization / 4 if self.regularization > self.o.regularization else 0.0
-        elif size < 0.1:
+            for _ in range(constants.RAISES_AFTER_FAILURE):
+                self.raise_regularization()
+        elif size > constants.LONG_STEP:
+            lower = self.regularization / constants.REGULARIZATION_FACTOR
+            self.regularization = lower if self.regularization > self.o.regularization else 0.0
+        elif size < constants.SHORT_STEP:
             self.raise_regularization()
 
     def update_merit(self, direction: Direction) -> None:
@@ -264,10 +268,10 @@ class Run:
         do, the sub-problem outlasts its iterations and the least ρ is doubled.
         """
         gap, change = self.current.gap, direction.dV1 + 0.5 * max(direction.dV2, 0.0)
-        needed = max(change, 0.0) / ((1 - self.o.merit_margin) * gap) if gap > 1e-12 else 0.0
-        if self.inner > 4 * self.o.max_inner and self.inner % self.o.max_inner == 0:
-            self.least_rho *= 2
-        self.rho = max(needed, 0.98 * self.rho, self.least_rho)
+        needed = max(change, 0.0) / ((1 - self.o.merit_margin) * gap) if gap > constants.SMALLEST_GAP else 0.0
+        if self.inner > constants.LONG_SUBPROBLEM * self.o.max_inner and self.inner % self.o.max_inner == 0:
+            self.least_rho *= constants.LEAST_RHO_FACTOR
+        self.rho = max(needed, constants.RHO_DECAY * self.rho, self.least_rho)
 
     def search(self, direction: Direction) -> float:
         """Return the step accepted by the merit line search, 0 if none; moves the current iterate.
@@ -277,11 +281,12 @@ class Run:
         self.update_merit(direction)
         gap = self.current.gap
         before = self.augmented(self.current) + self.rho * gap
-        size = min(1.0, self.step_size / self.o.step_shrink**3) if self.step_size > 0 else 1.0
+        grown = self.step_size / self.o.step_shrink**constants.STEPS_BACK
+        size = min(1.0, grown) if self.step_size > 0 else 1.0
         left = False
         while size >= self.o.min_step:
             expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap
-            bound = before + self.o.armijo * expected + 1e-12 * abs(before)
+            bound = before + self.o.armijo * expected + constants.MERIT_ROUNDING * abs(before)
             trial = self.trial(self.current.iterate, direction.dx, direction.du, size)
             for correction in range(self.o.corrections + 1):
                 merit = self.augmented(trial) + self.rho * trial.gap
@@ -292,7 +297,7 @@ class Run:
                     self.outside = self.outside if left else None
                     self.gains.append(before - merit)
                     return size
-                blamed = np.isfinite(merit) and trial.gap > (1 - 0.9 * size) * gap
+                blamed = np.isfinite(merit) and trial.gap > (1 - constants.GAP_DECREASE * size) * gap
                 if not blamed or correction == self.o.corrections:
                     break
                 trial = self.trial(trial.iterate, *close_defects(self.models, self.sweeps, trial.defects), 1.0)
@@ -303,7 +308,3 @@ class Run:
         """Return the iterate a step away."""
         feedback = [sweep.feedback for sweep in self.sweeps]
         return self.evaluate(move(self.evaluator, start, dx, du, size, self.shooting, feedback))
-
-
-_PATIENCE = 8  # steps that gain next to nothing before a sub-problem counts as solved
-_NEARLY_CLOSED = 0.05  # defects below this let an unsolved sub-problem be left

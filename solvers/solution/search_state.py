@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from .. import constants
+
 
 @dataclass(frozen=True, kw_only=True)
 class SearchState:
@@ -49,7 +51,4 @@ class SearchState:
 
 def is_same(merit: float, other: float) -> bool:
     """Return whether two merits are of the same iterate of the same problem, but for rounding."""
-    return abs(merit - other) <= SAME * (1 + abs(other))
-
-
-SAME = 1e-9
+    return abs(merit - other) <= constants.SAME_MERIT * (1 + abs(other))

@@ -61,8 +61,9 @@ def _write_search(memory: SolverMemory, warm_start: WarmStart) -> int:
     c.regularization_now, c.last_step = state.regularization, state.step_size
     c.has_last_cost, c.last_cost = int(state.last_cost is not None), state.last_cost or 0.0
     c.last_equality, c.last_violation = state.last_equality, state.last_violation
-    c.inner, c.unmoved, c.num_gains = state.inner, state.unmoved, len(state.gains)
-    c.gains[: len(state.gains)] = state.gains
+    gains = state.gains[-len(c.gains) :]
+    c.inner, c.unmoved, c.num_gains = state.inner, state.unmoved, len(gains)
+    c.gains[: len(gains)] = gains
     return 2
 
 

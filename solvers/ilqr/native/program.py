@@ -13,12 +13,16 @@ from piaffe.codegen import generate
 from piaffe.codegen import simd as lanes
 from piaffe.ocp import LoweredMode, LoweredTransition
 
+from ... import constants
 from .kernel import LINK_FUNCTIONS, MODE_FUNCTIONS, link_kernel, mode_kernel
 
 TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
-    "piaffe.h", "mode.inc", "rows.inc", "kkt.inc", "riccati.inc", "rollout.inc", "tiles.inc", "link.inc", "small.inc",
-    "solver.c",
+    "piaffe.h", "parts.h",
+    "solver.c", "manifold.inc", "barrier.inc", "trial.inc", "model.inc", "direction.inc", "search.inc", "outer.inc",
+    "parts.inc",
+    "mode.inc", "link.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "rollout.inc",
 )}  # fmt: skip
+"""What is shared; the solver, one unit; a mode's or transition's unit."""
 
 MAKERS = ("elimination.py", "nonzeros.py", "kernel.py", "library.py", "program.py", "tables.py")
 _SOURCES = (  # read when they are imported: what they say later is not what made the texts
@@ -49,7 +53,7 @@ def origin(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...])
 
     To write the functions out as CasADi does takes a tenth of the time that it takes to lower them to C.
     """
-    parts = [cs.CasadiMeta.version(), lanes.SIMD_H, *_SOURCES]
+    parts = [cs.CasadiMeta.version(), lanes.SIMD_H, constants_header(), *_SOURCES]
     parts += [part for entry in TEMPLATES.items() for part in entry]
     for mode in modes:
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]
@@ -82,4 +86,10 @@ def program(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...]
     units = generate(functions)
     includes = {name: text for name, text in TEMPLATES.items() if name != "solver.c"}
     expressions = tuple((unit.name, unit.text) for unit in units.units)
-    return Program(expressions, tuple(kernels), {**units.headers, **includes})
+    return Program(expressions, tuple(kernels), {**units.headers, **includes, "constants.h": constants_header()})
+
+
+def constants_header() -> str:
+    """Return the constants that both backends share, as C."""
+    lines = [f"#define {name} {value!r}" for name, value in constants.table().items()]
+    return "\n".join(["#ifndef PIAFFE_CONSTANTS_H", "#define PIAFFE_CONSTANTS_H", *lines, "#endif", ""])

@@ -6,6 +6,8 @@ import ctypes as ct
 from dataclasses import dataclass
 from typing import Any
 
+from ... import constants
+
 Doubles = ct.c_void_p  # an address: pointers with a type take ten times longer to make
 
 _NUMBERS = [
@@ -121,7 +123,7 @@ def structs(width: int) -> Structs:
             ("curvature", Doubles),
             *((name, ct.c_double) for name in _OF_SOLVE),
             *((name, ct.c_int) for name in _COUNTERS),
-            ("gains", ct.c_double * 8),
+            ("gains", ct.c_double * constants.PATIENCE),
         ]
 
     return Structs(Block, Group, Problem)

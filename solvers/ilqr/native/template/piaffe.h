@@ -2,6 +2,7 @@
 #ifndef PIAFFE_H
 #define PIAFFE_H
 #include <stddef.h>
+#include "constants.h"
 #include "lanes.h"
 
 #define W PIAFFE_W
@@ -89,7 +90,7 @@ typedef struct {
 
 enum { CONVERGED, ITERATION_LIMIT, TIME_LIMIT, LINE_SEARCH_FAILED, INFEASIBLE, NOT_FINITE, INTERRUPTED };
 
-typedef struct {
+typedef struct Problem {
     int num_phases, num_groups, num_links;
     Phase *phases;
     Group *groups;                          /* stages and ends, by mode */
@@ -107,7 +108,7 @@ typedef struct {
     double resume_merit, resume_cost;
     int resume_converged;
     int inner, unmoved, has_last_cost, has_inequalities, num_gains, blocked; /* whether a trial on the way to or from the iterate was outside */
-    double gains[8];
+    double gains[PATIENCE];                 /* what the last steps of the sub-problem gained, in turn */
 } Problem;
 
 int piaffe_solve(Problem *problem, int resumed);

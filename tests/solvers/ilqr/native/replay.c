@@ -5,11 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "parts.h"
 #include "piaffe.h"
 
 extern const void *const tables[]; /* of modes, then of transitions */
-void piaffe_profile(Problem *problem, int repetitions, double seconds[5]);
-double piaffe_merit(Problem *problem);
 
 static long long number(FILE *file)
 {
@@ -52,7 +51,8 @@ int main(int count, char **names)
         printf("%d %d %.17g\n", status, problem->num_records, piaffe_merit(problem));
         for (int k = 0; k < problem->num_records; k++) printf("%.17g\n", problem->history[k].cost);
         piaffe_policy(problem);
-        piaffe_profile(problem, 2, (double[5]){0});
+        for (int turn = 0; turn < 2; turn++)
+            for (const Part *part = piaffe_parts; part->name; part++) part->run(problem);
         for (long long b = 0; b < blocks; b++) free(memory[b]);
         free(memory);
     }

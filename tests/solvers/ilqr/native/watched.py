@@ -1,6 +1,6 @@
 """The NumPy solver with a note of every iterate and of how close each decision was."""
 
-from piaffe.solvers import Record
+from piaffe.solvers import Record, constants
 from piaffe.solvers.ilqr.iterate import Iterate
 from piaffe.solvers.ilqr.riccati import Direction
 from piaffe.solvers.ilqr.run import Evaluated, Run
@@ -21,7 +21,7 @@ class Watched(Run):
     def is_stationary(self, direction: Direction) -> bool:
         tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
         self.note(abs(direction.dV1 + 0.5 * direction.dV2), tolerance, tolerance)
-        self.note(max(self.gains[-8:], default=0.0), tolerance, tolerance)
+        self.note(max(self.gains[-constants.PATIENCE :], default=0.0), tolerance, tolerance)
         self.note(self.current.max_defect, self.o.max_defect, self.o.max_defect)
         equality, inequality = self.violations(self.current)
         self.note(equality, self.o.max_equality, self.o.max_equality)
@@ -40,10 +40,10 @@ class Watched(Run):
         s, gap, scale = self.size, self.current.gap, 1 + abs(self.before)
         expected = s * self.given.dV1 + 0.5 * s**2 * self.given.dV2 - s * self.rho * gap
         merit = self.augmented(tried) + self.rho * tried.gap
-        bound = self.before + self.o.armijo * expected + 1e-12 * abs(self.before)
+        bound = self.before + self.o.armijo * expected + constants.MERIT_ROUNDING * abs(self.before)
         self.note(merit, bound, scale)
         if merit > bound:
-            self.note(tried.gap, (1 - 0.9 * s) * gap, scale)
+            self.note(tried.gap, (1 - constants.GAP_DECREASE * s) * gap, scale)
         return tried
 
     def record(self, direction: Direction, size: float) -> None:
