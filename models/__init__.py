@@ -1,4 +1,4 @@
-"""Robots, their dynamics as CasADi models, gaits and the constraints that go with legs."""
+"""Robots, their dynamics as CasADi models, gaits, terrains, and constraints of legged robots."""
 
 from . import gaits as gaits
 from . import measures as measures

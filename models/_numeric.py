@@ -1,4 +1,4 @@
-"""The whole body in numbers: NumPy in, NumPy out, through cached CasADi functions."""
+"""Numerical evaluation of the whole-body model: NumPy arrays in and out, through cached CasADi functions."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ Contacts = str | Stance
 
 
 class NumericWholeBody(LeggedModel):
-    """Numbers of a :class:`WholeBody`; ``feet`` names those on the ground, ``"FL HR"``, and ``parameters`` are slots.
+    """Numerical evaluation of a :class:`WholeBody`.
 
-    Quantities of v and a are in the state's layout: world linear, body angular, joints.
+    In every method, ``feet`` names the feet on the ground, for example ``"FL HR"``, and ``parameters`` are values of
+    slots by name. Velocity v and acceleration a have the layout of the state: world linear, body angular, joints.
     """
 
     tree: Tree
@@ -32,12 +33,12 @@ class NumericWholeBody(LeggedModel):
         return self._solve_contact(x, u, feet, parameters)[: self.tree.nv]
 
     def contact_forces(self, x: ArrayLike, u: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
-        """Return the world force of the ground on each foot, (nf, 3) [N], zero for feet in the air."""
+        """Return the world force of the ground on each foot, (nf, 3) [N]; it is zero for feet in the air."""
         forces = self._solve_contact(x, u, feet, parameters)[self.tree.nv :].reshape(-1, 3)
         return forces * self.flags(feet)[:, None]
 
     def impact(self, x: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
-        """Return the state after the feet that ``feet`` names have landed without bouncing, (nx,)."""
+        """Return the state after the inelastic impact of the feet that ``feet`` names, (nx,)."""
         state = self.checked("x", x, self.state.nx)
         p = self.numbers(landing=self.flags(feet), **parameters)
         residual, matrix = self._functions["impact"](state, *p.values())
@@ -45,7 +46,7 @@ class NumericWholeBody(LeggedModel):
         return np.concatenate([state[: self.tree.nv + 1], z[: self.tree.nv]])
 
     def step(self, x: ArrayLike, u: ArrayLike, feet: Contacts, dt: float, **parameters: Any) -> Array:
-        """Return the state one time step later, (nx,), its quaternion of unit length."""
+        """Return the state one time step later, (nx,), with a unit quaternion."""
         p = self.numbers(contact=self.flags(feet), **parameters)
         state, control = self.checked("x", x, self.state.nx), self.checked("u", u, self.control.nx)
         z = self._solve_contact(state, control, feet, parameters)
@@ -56,15 +57,15 @@ class NumericWholeBody(LeggedModel):
         return self._call("feet", x).reshape(-1, 3)
 
     def contact_jacobian(self, x: ArrayLike) -> Array:
-        """Return J with J v the stacked world velocities of the feet, (3 nf, nv)."""
+        """Return J, for which J v is the stacked world velocities of the feet, (3 nf, nv)."""
         return self._call("jacobian", x)
 
     def mass_matrix(self, x: ArrayLike, **parameters: Any) -> Array:
-        """Return M, rotors included, (nv, nv)."""
+        """Return the joint-space inertia matrix M, rotor inertias included, (nv, nv)."""
         return self._call("mass_matrix", x, **parameters)
 
     def bias(self, x: ArrayLike, **parameters: Any) -> Array:
-        """Return n, the generalised force that velocity and gravity take at a = 0, (nv,)."""
+        """Return n, the Coriolis, centrifugal and gravity terms as a generalised force, (nv,)."""
         return self._call("bias", x, **parameters).ravel()
 
     def _solve_contact(self, x: ArrayLike, u: ArrayLike, feet: Contacts, parameters: dict[str, Any]) -> Array:
@@ -86,21 +87,21 @@ class NumericWholeBody(LeggedModel):
         """Every function above, compiled for CasADi's virtual machine."""
         nq, nv = self.tree.nv + 1, self.tree.nv
         x, u, dt = cs.SX.sym("x", self.state.nx), cs.SX.sym("u", self.control.nx), cs.SX.sym("dt")
-        z, nothing = cs.SX.sym("z", self.implicit_size("contact")), cs.SX.zeros(self.implicit_size("contact"))
+        z, zero = cs.SX.sym("z", self.implicit_size("contact")), cs.SX.zeros(self.implicit_size("contact"))
         p = {slot.name: cs.SX.sym(slot.name, slot.size) for slot in self.slots}
         slots, v = list(p.values()), cs.SX.sym("v", nv)
         dynamics = self.dynamics("contact", x, u, z, {**p, "dt": dt})
         reset = self.reset("contact", x, z, p)
         rest, moving = Recursion(self.tree, x[:nq]), Recursion(self.tree, x[:nq], x[nq:])
         body = Inertials.of(p["link_mass"], p["link_com"], p["link_inertia"])
-        sweep = Recursion(self.tree, x[:nq], v)
+        with_v = Recursion(self.tree, x[:nq], v)
         M = rest.mass_matrix(body) + cs.diag(cs.vertcat(cs.SX(6, 1), p["armature"]))
         outputs: dict[str, tuple[list[cs.SX], list[cs.SX]]] = {
-            "contact": ([x, u], [cs.substitute(dynamics.implicit, z, nothing), cs.jacobian(dynamics.implicit, z)]),
-            "impact": ([x], [cs.substitute(reset.implicit, z, nothing), cs.jacobian(reset.implicit, z)]),
+            "contact": ([x, u], [cs.substitute(dynamics.implicit, z, zero), cs.jacobian(dynamics.implicit, z)]),
+            "impact": ([x], [cs.substitute(reset.implicit, z, zero), cs.jacobian(reset.implicit, z)]),
             "step": ([x, u, z, dt], [dynamics.next_state]),
             "feet": ([x], [cs.vertcat(*map(rest.point, self.contacts))]),
-            "jacobian": ([x], [cs.jacobian(cs.vertcat(*map(sweep.velocity, self.contacts)), v)]),
+            "jacobian": ([x], [cs.jacobian(cs.vertcat(*map(with_v.velocity, self.contacts)), v)]),
             "mass_matrix": ([x], [M]),
             "bias": ([x], [moving.inverse_dynamics(body, p["gravity"])]),
         }

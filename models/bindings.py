@@ -1,4 +1,4 @@
-"""How the quantities of a whole robot are bound: by the motion of its tree, for every model that has all its joints."""
+"""Bind the quantities of a whole robot as expressions of its state, for every model that has all its joints."""
 
 from __future__ import annotations
 
@@ -18,56 +18,57 @@ from .robot import Robot
 from .terrain import Terrain
 from .tree import Inertials, Point
 
-_TINY = 1e-12  # a nose that points straight up has no heading
+_TINY = 1e-12  # avoids 0/0 where the base's x axis is vertical, so that it has no heading
 
 
 class Makers(dict[str, Callable[[], Bound]]):
-    """Quantities by path, each made when it is first asked for."""
+    """Functions that make the quantities, by path; each is called when a term uses its quantity."""
 
     def supply(
         self, quantity: Quantity, labels: tuple[str, ...], value: Callable[[], cs.SX], mask: cs.SX | None = None
     ) -> None:
-        """Say how a quantity is made, and the names of its components."""
+        """Add a quantity: the function that makes its value, the labels of its components and its mask."""
         self[quantity.path] = lambda: Bound(quantity, value(), labels, mask)
 
 
 def bind_motion(
     robot: Robot, points: Mapping[str, Point], motion: Recursion, x: cs.SX, p: Mapping[str, cs.SX], terrain: Terrain
 ) -> Makers:
-    """Return the quantities that follow from positions and velocities alone.
+    """Return the quantities that depend on positions and velocities alone.
 
     Args:
         robot: the robot.
-        points: its frames, see :func:`frame_points`.
-        motion: its tree in the state x.
+        points: a point for each of its frames, see :func:`frame_points`.
+        motion: the recursion over its tree at the state x.
         x: the state, (nx, 1).
-        p: ``contact``, ``landing``, ``lifting``, ``foot_radius`` and what the links weigh, as slots of the whole body.
-        terrain: what the feet stand on.
+        p: ``contact``, ``landing``, ``lifting``, ``foot_radius``, ``link_mass``, ``link_com`` and ``link_inertia``, as
+            in the slots of the whole body.
+        terrain: the ground.
     """
-    body, stacked, names, toes = inertials(p), foot_labels(robot), robot.joint_names, foot_points(robot, points)
+    body, stacked, names, contacts = inertials(p), foot_labels(robot), robot.joint_names, foot_points(robot, points)
     nq, make = motion.tree.nv + 1, Makers()
 
     def places() -> list[cs.SX]:
-        return [motion.point(point) for point in toes]
+        return [motion.point(point) for point in contacts]
 
-    def gaps() -> cs.SX:
+    def heights() -> cs.SX:
         gap: cs.SX = cs.vertcat(*(place[2] - terrain.height(place[0], place[1]) for place in places()))
         return gap - p["foot_radius"]
 
     def height() -> cs.SX:
-        found = places()
-        above: cs.SX = x[2] - terrain.mean_height([place[0] for place in found], [place[1] for place in found])
+        at = places()
+        above: cs.SX = x[2] - terrain.mean_height([place[0] for place in at], [place[1] for place in at])
         return above
 
     def normal() -> cs.SX:
-        found = places()
-        return ground_normal(x[3:7], terrain.slope([place[0] for place in found], [place[1] for place in found]))
+        at = places()
+        return ground_normal(x[3:7], terrain.slope([place[0] for place in at], [place[1] for place in at]))
 
     def reach() -> cs.SX:
-        ahead = rotation.matrix(x[3:7])[:2, 0]
-        ahead /= cs.sqrt(cs.sumsqr(ahead) + _TINY)
-        turned = cs.vertcat(cs.horzcat(ahead[0], ahead[1]), cs.horzcat(-ahead[1], ahead[0]))
-        return cs.vertcat(*(turned @ (place[:2] - x[:2]) for place in places()))
+        heading = rotation.matrix(x[3:7])[:2, 0]
+        heading /= cs.sqrt(cs.sumsqr(heading) + _TINY)
+        to_heading = cs.vertcat(cs.horzcat(heading[0], heading[1]), cs.horzcat(-heading[1], heading[0]))
+        return cs.vertcat(*(to_heading @ (place[:2] - x[:2]) for place in places()))
 
     make.supply(base.position, XYZ, lambda: motion.position)
     make.supply(base.orientation, XYZ, lambda: x[3:7])
@@ -78,8 +79,8 @@ def bind_motion(
     make.supply(joints.position, names, lambda: x[7:nq])
     make.supply(joints.velocity, names, lambda: motion.v[6:])
     make.supply(feet.position, stacked, lambda: cs.vertcat(*places()))
-    make.supply(feet.velocity, stacked, lambda: cs.vertcat(*map(motion.velocity, toes)))
-    make.supply(feet.height, robot.foot_names, gaps)
+    make.supply(feet.velocity, stacked, lambda: cs.vertcat(*map(motion.velocity, contacts)))
+    make.supply(feet.height, robot.foot_names, heights)
     make.supply(feet.reach, reach_labels(robot), reach)
     make.supply(feet.contact, robot.foot_names, lambda: p["contact"])
     make.supply(feet.landing, robot.foot_names, lambda: p["landing"])
@@ -94,19 +95,24 @@ def bind_motion(
 
 
 def ground_normal(orientation: cs.SX, slope: tuple[Any, Any]) -> cs.SX:
-    """Return the upward normal of ground that rises by ``slope`` along x and y, in the axes of a body, (3, 1)."""
+    """Return the upward unit normal of the ground in the axes of a body, (3, 1).
+
+    Args:
+        orientation: quaternion of the body, w first, (4, 1).
+        slope: derivatives of the ground's height by x and y.
+    """
     upward = cs.vertcat(-slope[0], -slope[1], 1.0)
-    turned: cs.SX = rotation.matrix(orientation).T @ cs.SX(upward / cs.norm_2(upward))
-    return turned
+    in_body: cs.SX = rotation.matrix(orientation).T @ cs.SX(upward / cs.norm_2(upward))
+    return in_body
 
 
 def inertials(p: Mapping[str, cs.SX]) -> Inertials:
-    """Return what the links weigh, from the slots ``link_mass``, ``link_com`` and ``link_inertia``."""
+    """Return the inertial parameters of the links, from the slots ``link_mass``, ``link_com`` and ``link_inertia``."""
     return Inertials.of(p["link_mass"], p["link_com"], p["link_inertia"])
 
 
 def frame_points(robot: Robot) -> dict[str, Point]:
-    """Return the origin of every frame; a joint and a link of one name are at one place."""
+    """Return the origin of every frame by name; a joint and a link of the same name have the same origin."""
     points: dict[str, Point] = {}
     for frame in robot.model.frames:
         if frame.parentJoint > 0:
@@ -115,5 +121,5 @@ def frame_points(robot: Robot) -> dict[str, Point]:
 
 
 def foot_points(robot: Robot, points: Mapping[str, Point]) -> tuple[Point, ...]:
-    """Return the feet among a robot's frames, in order."""
+    """Return the points of the feet, in the robot's order of feet."""
     return tuple(points[foot.frame] for foot in robot.feet)

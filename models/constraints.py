@@ -1,7 +1,7 @@
-"""Constraints that go with legs: friction, torques, joints, the base and the feet, for any robot model.
+"""Constraints of legged robots: friction, torques, joints, the base and the feet, for any robot model.
 
-Each function returns an ``ocp`` constraint; rows of feet that it does not concern are masked. The functions of rows
-and labels stand at module level so that two constraints of one kind share their generated code.
+Each function returns an ``ocp`` constraint. Rows of feet to which it does not apply are masked. The functions that
+compute rows and labels are at module level, so that two constraints of one kind share their generated code.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def torque_limits(fraction: float = 1.0) -> Any:
 
 
 def joint_limits(margin: float = 0.0) -> Any:
-    """Keep joint angles within the robot's limits, less a margin [rad]."""
+    """Keep joint angles within the robot's limits, reduced by a margin [rad]."""
     _require("joint_limits", "margin", margin, lambda value: value >= 0, "a number ≥ 0 [rad]")
     return inequality(
         _angle,
@@ -87,11 +87,11 @@ def joint_range(
     upper: float | None = None,
     scale: float = 1.0,
 ) -> Any:
-    """Keep the angles of some joints within a range of one's own [rad].
+    """Keep the angles of some joints within a given range [rad].
 
     Args:
-        joints: which, by label: ``"HAA"`` for that joint of every leg, ``"FL"`` for every joint of that leg, or a name.
-        limit: |q| ≤ limit [rad]; or give bounds:
+        joints: a label: ``"HAA"`` for that joint of every leg, ``"FL"`` for every joint of that leg, or a joint's name.
+        limit: bound of |q|, in place of ``lower`` and ``upper`` [rad].
         lower: smallest angle [rad].
         upper: largest angle [rad].
         scale: what a violation is divided by in reports [rad].
@@ -107,7 +107,7 @@ def joint_range(
 
 
 def base_height(minimum: float | None = None, *, maximum: float | None = None, scale: float = 1.0) -> Any:
-    """Keep ``base.height``, that of the base's origin above the terrain below the feet, within bounds [m].
+    """Keep ``base.height``, the height of the base's origin above the terrain below the feet, within bounds [m].
 
     Args:
         minimum: smallest height [m]; None for none.
@@ -119,12 +119,12 @@ def base_height(minimum: float | None = None, *, maximum: float | None = None, s
 
 
 def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
-    """Keep the feet that are in the air at least ``minimum`` above the terrain [m], the landing included.
+    """Keep feet in the air at least ``minimum`` above the terrain [m], touchdown included.
 
-    Feet on the ground are held there by the contact and are masked, as is a foot at the first two nodes after it has
-    left: its place there follows from the stance alone, integration error included. A foot leaves and meets the
-    ground at height 0, so that a positive ``minimum`` can hold only in phases in which no foot does; name them in
-    ``when``.
+    Feet on the ground are masked, because the contact holds them there. A foot is also masked at the first two nodes
+    after liftoff, because its position there depends on the stance phase alone, integration error included. The height
+    of a foot is 0 at liftoff and at touchdown. A positive ``minimum`` is therefore feasible only in phases without
+    liftoff and touchdown; name these phases in ``when``.
     """
     return inequality(
         _foot_height,
@@ -152,7 +152,7 @@ class _SomeJoints:
 
 @dataclass(frozen=True)
 class _SomeNames:
-    """Their names."""
+    """The names of the joints that a label names; equal for equal labels."""
 
     label: str
 

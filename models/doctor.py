@@ -1,4 +1,4 @@
-"""What is wrong with a robot: its URDF, its bodies, its feet, and whether it can stand on them."""
+"""Diagnose a robot: its URDF, its bodies, its feet, and whether it can stand on them."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _NARROW = 0.05  # a workspace thinner than this fraction of the leg's reach is a
 
 
 def diagnose(name_or_urdf_path: str | Path, *, feet: Feet = None, foot_radius: float | None = None) -> list[Finding]:
-    """Return what is wrong with a robot, the worst first; a healthy robot has notes at most.
+    """Return the findings about a robot, the most severe first; a correct robot has notes at most.
 
     Args:
         name_or_urdf_path: as for :func:`piaffe.models.load`.
-        feet: as for :func:`piaffe.models.load`; without them only the URDF is examined.
+        feet: as for :func:`piaffe.models.load`; without them only the URDF and its masses are examined.
         foot_radius: radius of the foot's ball [m].
     """
     urdf = locate(name_or_urdf_path)[0]
@@ -41,7 +41,7 @@ def diagnose(name_or_urdf_path: str | Path, *, feet: Feet = None, foot_radius: f
 
 
 def _merge(found: list[Finding]) -> list[Finding]:
-    """Return the findings with those of equal text as one, and without those of a body that its link has too."""
+    """Merge findings of equal text into one; drop findings about a body that are also about its link."""
     places: dict[tuple[Severity, str, str], list[str]] = {}
     for one in found:
         kind, _, name = one.where.partition(" ")
@@ -61,17 +61,19 @@ def _examine_model(name: str | Path, urdf: Path, feet: Feet, foot_radius: float 
     except ModelError as error:
         return [Finding("error", f"file '{urdf}'", f"Pinocchio cannot read it - {error}")]
     if model.njoints <= ROOT + 1:
-        return [finding("error", "robot", "has no joints", "none that moves", "some", "check the joints' types")]
+        advice = "check the types of the joints"
+        return [finding("error", "robot", "has no joints", "none that moves", "at least one", advice)]
     found = [_summary(model), *_massless(model)]
     if feet is None and str(name) not in names():
-        advice = f"name their frames out of {leaf_frames(model)}"
-        return [*found, finding("note", "feet", "are not given", "none", "some", advice)]
+        advice = f"choose their frames, for example among {leaf_frames(model)}"
+        return [*found, finding("note", "feet", "are not given", "none", "at least one", advice)]
     try:
         robot = load(name, feet=feet, foot_radius=foot_radius)
     except ModelError as error:
         return [*found, Finding("error", "feet", str(error))]
     if not np.array_equal(robot.torque_limit, model.upperEffortLimit[6:]):
-        found.append(Finding("note", "limits", f"of {robot.name} are not those of its URDF, which lacks some"))
+        text = f"the URDF of {robot.name} lacks some; Piaffe has them from other sources"
+        found.append(Finding("note", "limits", text))
     return [*found, *_bodies(robot, _span(robot)), *_feet(robot), *_stand(robot), *_looks(robot)]
 
 
@@ -81,15 +83,16 @@ def _summary(model: pinocchio.Model) -> Finding:
 
 
 def _massless(model: pinocchio.Model) -> Iterator[Finding]:
-    """Yield bodies without mass: their joints would accelerate without bound."""
+    """Yield bodies without mass: the accelerations of their joints would be infinite."""
     for j in range(ROOT, model.njoints):
         if model.inertias[j].mass <= 0:
             where, got = f"joint '{model.names[j]}'", "0 kg on all links up to the next joint"
-            yield finding("error", where, "moves no mass", got, "some", "give <inertial> or fix the joint")
+            advice = "add <inertial>, or make the joint fixed"
+            yield finding("error", where, "moves no mass", got, "a positive mass", advice)
 
 
 def _bodies(robot: Robot, span: float) -> Iterator[Finding]:
-    """Yield moving bodies whose inertia, that of links fixed together, is impossible or in a wrong unit."""
+    """Yield bodies whose inertia is impossible or in a wrong unit; a body is the links that are fixed together."""
     size = f"a part of a robot of {span:.2f} m"
     for name, inertia in zip(body_names(robot), list(robot.model.inertias)[ROOT:], strict=True):
         if inertia.mass <= 0:
@@ -102,19 +105,18 @@ def _bodies(robot: Robot, span: float) -> Iterator[Finding]:
             yield finding("warning", where, "inertia does not fit its mass", got, size, "check the unit of the inertia")
         away = float(np.linalg.norm(inertia.lever))
         if away > span:
-            yield finding(
-                "warning", where, "centre of mass is far off", f"{away:.3g} m from its joint", size, "check it"
-            )
+            got, advice = f"{away:.3g} m from its joint", "check <origin> of <inertial>"
+            yield finding("warning", where, "centre of mass is outside the robot", got, size, advice)
 
 
 def _span(robot: Robot) -> float:
-    """Return a length that the robot's parts do not exceed [m]."""
+    """Return an upper bound of the size of the robot's parts [m]."""
     places = [robot.model.jointPlacements[j].translation for j in range(ROOT, robot.model.njoints)]
     return float(np.ptp(places, axis=0).max() + max(Kinematics(robot).reach, default=0.0))
 
 
 def _feet(robot: Robot) -> Iterator[Finding]:
-    """Yield feet that cannot be placed on the ground, or not freely."""
+    """Yield feet that cannot reach the ground, or cannot move in all three directions."""
     legs = Kinematics(robot)
     _, places = legs.workspace
     joints = {int(foot): group.joints[m] for group in legs.groups for m, foot in enumerate(group.feet)}
@@ -122,36 +124,37 @@ def _feet(robot: Robot) -> Iterator[Finding]:
     for i, foot in enumerate(robot.feet):
         where = f"foot '{foot.name}'"
         if i not in joints:
-            what, expected = "is fixed to the base", "a leg"
-            yield finding("error", where, what, "no joint before it", expected, "choose another frame")
+            got, expected = "no joint between base and foot", "a leg"
+            yield finding("error", where, "is fixed to the base", got, expected, "choose another frame")
             continue
         others = [robot.feet[k].name for k in joints if k != i and set(joints[k]) & set(joints[i])]
         if others:
-            got, expected = f"some in common with {others}", "a leg each"
-            yield finding("warning", where, "shares its joints", got, expected, "keep one foot per leg")
+            got, expected = f"joints in common with {others}", "one leg per foot"
+            yield finding("warning", where, "shares joints with another foot", got, expected, "keep one foot per leg")
         spread = np.linalg.svd(places[:, i] - places[:, i].mean(axis=0), compute_uv=False) / np.sqrt(len(places))
         if spread[2] < _NARROW * legs.reach[i]:
-            got = f"{len(joints[i])} joints that spread it by {', '.join(f'{s:.3f}' for s in spread)} m"
+            deviations = ", ".join(f"{s:.3f}" for s in spread)
+            got = f"{len(joints[i])} joints and a workspace with standard deviations {deviations} m"
             expected = f"more than {_NARROW * legs.reach[i]:.3f} m in each of three directions"
-            yield finding(
-                "warning", where, "cannot be placed freely", got, expected, "check its joints and their ranges"
-            )
+            advice = "check its joints and their ranges"
+            yield finding("warning", where, "cannot move in all three directions", got, expected, advice)
         lowest = float(places[:, i, 2].min())
         if lowest > min(first) - robot.foot_radius:
             got, expected = f"{lowest:.3f} m at its lowest", f"below the legs' first joints at {min(first):.3f} m"
             yield finding("error", where, "does not reach the ground", got, expected, "check its frame and joints")
         if len(foot.roles) < 2:
             got, expected = " ".join(sorted(foot.roles)) or "none", "front or hind, and left or right"
-            yield finding("note", where, "has not two roles", got, expected, "gaits written in roles may leave it out")
+            advice = "gaits that are written in roles may leave it out"
+            yield finding("note", where, "has fewer than two roles", got, expected, advice)
 
 
 def _stand(robot: Robot) -> Iterator[Finding]:
-    """Yield what keeps the robot from resting in its ``"stand"`` pose."""
+    """Yield what prevents the robot from standing at rest in its ``"stand"`` pose."""
     pose, advice = robot.pose("stand"), "give another pose 'stand'"
     for name, angle, lower, upper in zip(robot.joint_names, pose, robot.joint_lower, robot.joint_upper, strict=True):
         if not lower <= angle <= upper:
             got, expected = f"{angle:.3f} rad", f"{lower:g} to {upper:g}"
-            yield finding("warning", f"joint '{name}'", "stands beyond its limits", got, expected, advice)
+            yield finding("warning", f"joint '{name}'", "exceeds its limits in pose 'stand'", got, expected, advice)
     feet = Kinematics(robot).feet(pose)
     if np.ptp(feet[:, 2]) > 0.02 + 0.05 * np.ptp(feet[:, :2], axis=0).max():
         heights = dict(zip(robot.foot_names, feet[:, 2].round(3).tolist(), strict=True))
@@ -161,7 +164,7 @@ def _stand(robot: Robot) -> Iterator[Finding]:
 
 
 def _rest(robot: Robot, pose: Array) -> Iterator[Finding]:
-    """Yield feet that carry nothing, and joints too weak, when the feet share the weight."""
+    """Yield feet without load and joints with too little torque, when the feet share the weight at rest."""
     q = pinocchio.neutral(robot.model)
     q[7:] = pose
     data = robot.model.createData()
@@ -175,17 +178,19 @@ def _rest(robot: Robot, pose: Array) -> Iterator[Finding]:
     force = np.linalg.lstsq(rise[:, :6].T, effort[:6], rcond=None)[0]
     for foot, newton in zip(robot.feet, force, strict=True):
         if newton < 0:
-            what, advice = "carries nothing in 'stand'", "the centre of mass lies beyond the feet: give another pose"
-            yield finding("warning", f"foot '{foot.name}'", what, f"{newton:.1f} N", "a force > 0", advice)
+            what, got = "carries no weight in pose 'stand'", f"{newton:.1f} N"
+            advice = "the centre of mass is not above the feet: change the pose"
+            yield finding("warning", f"foot '{foot.name}'", what, got, "a force > 0", advice)
     torque = effort[6:] - rise[:, 6:].T @ force
     for name, needed, limit in zip(robot.joint_names, torque, robot.torque_limit, strict=True):
         if abs(needed) > limit:
             got, expected = f"a limit of {limit:g} Nm", f"at least {abs(needed):.2f} Nm"
-            yield finding("warning", f"joint '{name}'", "is too weak to stand", got, expected, "check the limit")
+            what = "has too little torque to stand"
+            yield finding("warning", f"joint '{name}'", what, got, expected, "check the limit")
 
 
 def _looks(robot: Robot) -> Iterator[Finding]:
-    """Yield that shapes are missing."""
+    """Yield missing shapes."""
     if robot.visual is None:
         got, expected = f"no file for some mesh below {list(robot.package_dirs)}", "all of them"
-        yield finding("note", "visual geometry", "cannot be read", got, expected, "capsules stand in for it")
+        yield finding("note", "visual geometry", "cannot be read", got, expected, "capsules are drawn instead")

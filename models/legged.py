@@ -1,4 +1,4 @@
-"""What the models of one legged robot share: contact sets as modes, keyframes, the frame a motion moves in."""
+"""Base class of the models of legged robots: contact sets as modes, keyframes, the planar frame of a motion."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def integrate(q: cs.SX, v: cs.SX, dt: cs.SX) -> cs.SX:
 
 
 class LeggedModel(ModelBase):
-    """A model of a robot whose modes are contact sets; all contact sets share one set of dynamics, ``"contact"``.
+    """A model of a robot whose modes are contact sets; all contact sets share the dynamics ``"contact"``.
 
     Args:
         robot: the robot.
@@ -47,7 +47,7 @@ class LeggedModel(ModelBase):
         control: its control space.
         slots: its parameters and their defaults.
         cut_by_modes: whether a change of contacts begins a new phase.
-        terrain: what its states are placed on; level ground at z = 0 by default.
+        terrain: the ground on which ``state(...)`` places the robot; level at z = 0 by default.
     """
 
     state: RobotState
@@ -80,23 +80,27 @@ class LeggedModel(ModelBase):
 
     @cached_property
     def kinematics(self) -> Kinematics:
-        """The robot's legs, in numbers."""
+        """The kinematics of the robot's legs."""
         return Kinematics(self.robot)
 
     # ---- modes
 
     def mode_key(self, mode: Hashable) -> str:
-        """Return ``"contact"``: contact sets differ in numbers alone."""
+        """Return ``"contact"``: contact sets differ only in numbers, and share their functions."""
         self.resolve(mode)
         return "contact"
 
     def resolve(self, mode: Hashable) -> Stance:
-        """Return the contact set in the robot's names of feet, from a stance or a string of names."""
+        """Return a contact set with the robot's foot names, from a stance or a string of names.
+
+        Raises:
+            ModelError: the mode is not a contact set.
+        """
         if isinstance(mode, str):
             mode = stance(mode)
         if not isinstance(mode, Stance):
             raise ModelError(
-                f"model '{self.name}': mode is no contact set - got {mode!r}, expected the feet on the ground; give "
+                f"model '{self.name}': mode is not a contact set - got {mode!r}, expected the feet on the ground; give "
                 f"stance('{' '.join(self.robot.foot_names)}'), or stance('') for flight"
             )
         return mode.resolve(self.robot)
@@ -106,19 +110,21 @@ class LeggedModel(ModelBase):
         return self._standing(self.resolve(mode))
 
     def _standing(self, resolved: Hashable) -> Array:
-        """Return the flags of a contact set that has been resolved."""
+        """Return the flags of a resolved contact set, (nf,)."""
         assert isinstance(resolved, Stance)
         return np.array([float(foot.name in resolved.feet) for foot in self.robot.feet])
 
     def node_parameters(self, node: Node) -> dict[str, Array]:
-        """Return the contact flags of a node, which feet land at the phase's end, and which have only just left.
+        """Return the slots ``contact``, ``landing`` and ``lifting`` of a node, (nf,) each.
 
-        A foot has just left at the first two nodes after a stance: its place there follows from the stance's last
-        state alone (position and, one explicit step later, velocity), whatever the swing does.
+        ``landing`` is 1 for feet that touch down at the end of the phase. ``lifting`` is 1 at the first two nodes after
+        a foot's stance: there its position depends on the last state of the stance alone (on its position, and one
+        explicit step later on its velocity), and not on the swing.
         """
         contact = self._standing(node.mode)
-        fresh = node.previous_mode is not None and node.steps <= 1
-        lifting = np.maximum(self._standing(node.previous_mode) - contact, 0.0) if fresh else np.zeros(self.num_feet)
+        just_left = node.previous_mode is not None and node.steps <= 1
+        previous = self._standing(node.previous_mode) if just_left else np.zeros(self.num_feet)
+        lifting = np.maximum(previous - contact, 0.0)
         ends = node.next_mode is not None
         landing = np.maximum(self._standing(node.next_mode) - contact, 0.0) if ends else np.zeros(self.num_feet)
         return {"contact": contact, "landing": landing, "lifting": lifting}
@@ -136,7 +142,7 @@ class LeggedModel(ModelBase):
     # ---- targets
 
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
-        """Translate a keyframe's entries to quantities, see :func:`piaffe.models.postures.translate`."""
+        """Translate the entries of a keyframe to quantities, see :func:`piaffe.models.postures.translate`."""
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
     def warnings(self, path: object) -> list[ProblemWarning]:
@@ -152,7 +158,7 @@ class LeggedModel(ModelBase):
     # ---- parameters in numbers
 
     def numbers(self, **changed: Any) -> dict[str, Array]:
-        """Return the value of every slot, its default unless given."""
+        """Return the value of every slot; slots that are not in ``changed`` have their defaults."""
         values = {slot.name: np.array(slot.default) for slot in self.slots}
         for name, value in changed.items():
             if name not in values:
@@ -161,7 +167,7 @@ class LeggedModel(ModelBase):
             if array.shape != values[name].shape:
                 raise ShapeError(
                     f"model '{self.name}', parameter '{name}': wrong size - got {array.size} entries, expected "
-                    f"{values[name].size}; give one per entry"
+                    f"{values[name].size}; give that many numbers"
                 )
             values[name] = array
         return values

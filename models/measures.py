@@ -1,4 +1,4 @@
-"""What a motion amounts to: how far it turned, how high the base went, how low the feet."""
+"""Measures of a motion: rotation of the base, apex of the base, smallest height of the feet."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def series(trajectory: Trajectory, path: str) -> Array | None:
-    """Return a quantity of the state at all nodes of the phases that have it, (nodes, nx); None if none has it."""
+    """Return a quantity of the state at all nodes of the phases that have it, (nodes, size); None if none has it."""
     parts = []
     for phase in trajectory.phases:
         for quantity, where in phase.state.slices.items():
@@ -23,7 +23,7 @@ def series(trajectory: Trajectory, path: str) -> Array | None:
 
 
 def turns(trajectory: Trajectory) -> Array | None:
-    """Return the rotations of the base from node to node, summed about its own axes, (3,) [rad]."""
+    """Return the sum of the base's rotation vectors from node to node, in its own axes, (3,) [rad]."""
     orientations = series(trajectory, base.orientation.path)
     if orientations is None:
         return None

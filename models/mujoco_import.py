@@ -1,4 +1,4 @@
-"""MuJoCo, imported when it is needed."""
+"""The package ``mujoco``, imported on first use."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from piaffe.errors import ModelError
 
 
 def import_mujoco() -> Any:
-    """Return the package, or say that it is not installed."""
+    """Return the package.
+
+    Raises:
+        ModelError: it is not installed.
+    """
     try:
         import mujoco
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Keyframes and states of a robot in a user's words: ``position``, ``rpy``, ``joints`` and their velocities."""
+"""Keyframes and states of a robot by short names: ``position``, ``rpy``, ``joints`` and their velocities."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def foot_labels(robot: Robot) -> tuple[str, ...]:
 
 
 def reach_labels(robot: Robot) -> tuple[str, ...]:
-    """Return the labels of what feet reach: ``"FL ahead"``, ``"FL left"``, and so on."""
+    """Return the labels of ``feet.reach``: ``"FL ahead"``, ``"FL left"``, and so on."""
     return tuple(f"{foot.name} {side}" for foot in robot.feet for side in ("ahead", "left"))
 
 
 def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
-    """Return the quantities of a robot that a target can name, and the labels of their components."""
+    """Return the quantities of a robot that can have targets, and the labels of their components."""
     joints, stacked = quantities.joints, foot_labels(robot)
     return {
         **dict.fromkeys([base.position, base.orientation, base.linear_velocity, base.angular_velocity], XYZ),
@@ -56,14 +56,14 @@ def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
 
 
 def translate(robot: Robot, where: str, values: Mapping[str, object]) -> dict[Quantity, Array]:
-    """Translate a keyframe's entries to quantities.
+    """Translate the entries of a keyframe to quantities.
 
     Args:
         robot: the robot.
-        where: whose keyframe it is, for messages.
-        values: any of ``position`` [m], ``rpy`` (with its winding) [rad], ``joints`` (numbers, a pose's name or a
+        where: subject of the error messages.
+        values: any of ``position`` [m], ``rpy`` (full turns count) [rad], ``joints`` (numbers, a pose's name or a
             mapping of joint names) [rad], ``linear_velocity`` (world) [m/s], ``angular_velocity`` (body axes) [rad/s],
-            ``joint_velocities`` [rad/s], or the path of a quantity, as ``"feet.force"``.
+            ``joint_velocities`` [rad/s], or the path of a quantity, for example ``"feet.force"``.
     """
     labels = quantity_labels(robot)
     paths = {quantity.path: quantity for quantity in labels}
@@ -94,12 +94,12 @@ def place_feet(robot: Robot, position: Array, orientation: Array, joint_angles: 
 
 
 class RobotState(Manifold):
-    """A robot's state space; called, it returns a state: ``body.state(joints="crouch", rpy=(0, 0.1, 0))``.
+    """The state space of a robot. A call returns a state: ``body.state(joints="crouch", rpy=(0, 0.1, 0))``.
 
     Args:
-        blocks: the parts of the state, among those that keyframes name.
+        blocks: the blocks of the state; keyframes must be able to name each of them.
         robot: the robot.
-        terrain: what it stands on; level ground at z = 0 by default.
+        terrain: the ground; level at z = 0 by default.
     """
 
     robot: Robot
@@ -128,15 +128,15 @@ class RobotState(Manifold):
         """Return a state, (nx,), at rest unless velocities are given.
 
         Args:
-            position: of the base; where x, y and z are not given the base is above the origin, or above x and y, with
-                the first foot touching the ground [m].
+            position: of the base: x, y, z, or x, y, or None for x = y = 0. Without z, the base has the height at which
+                the first foot touches the ground [m].
             rpy: roll, pitch, yaw of the base [rad].
             joints: a pose's name, n numbers, or a mapping of joint names [rad].
             linear_velocity: of the base's origin, world axes [m/s].
             angular_velocity: of the base, body axes [rad/s].
             joint_velocities: n numbers [rad/s].
         """
-        words = {
+        values = {
             "rpy": rpy,
             "joints": joints,
             "linear_velocity": linear_velocity,
@@ -144,13 +144,13 @@ class RobotState(Manifold):
             "joint_velocities": np.zeros(self.robot.num_joints) if joint_velocities is None else joint_velocities,
         }
         where = f"state of '{self.robot.name}'"
-        given = translate(self.robot, where, words)
-        given[base.orientation] = rotation.np_from_rpy(given[base.orientation])
+        state = translate(self.robot, where, values)
+        state[base.orientation] = rotation.np_from_rpy(state[base.orientation])
         if position is None or np.shape(position) == (2,):
             x, y = (0.0, 0.0) if position is None else np.asarray(position, dtype=float)
             flat: Array = np.array([x, y, 0.0])
-            placed = place_feet(self.robot, flat, given[base.orientation], given[SHORT_NAMES["joints"]])
+            placed = place_feet(self.robot, flat, state[base.orientation], state[SHORT_NAMES["joints"]])
             ground = self.terrain.height(placed[:, 0], placed[:, 1])
             position = (x, y, self.robot.foot_radius + float(np.max(ground - placed[:, 2])))
-        given.update(translate(self.robot, where, {"position": position}))
-        return self.pack(given)
+        state.update(translate(self.robot, where, {"position": position}))
+        return self.pack(state)

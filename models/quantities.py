@@ -1,6 +1,7 @@
-"""The quantities of legged robots. Models bind those that they have; a term that none binds is an error.
+"""The quantities of legged robots.
 
-World axes unless said otherwise; stacked feet are flat, (3 nf,), in the robot's order of feet.
+Each model binds the quantities that it has; a term whose quantity no model binds is an error. Vectors are in world axes
+unless their description names other axes. Vectors of all feet are stacked, (3 nf,), in the robot's order of feet.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ base = group(
     height="m",
     ground_normal="",
 )
-"""The floating base's origin: world position and velocity, attitude, angular velocity in *body* axes; ``height`` is
-that above the terrain's mean height below the feet, ``ground_normal`` the upward normal of the plane through the ground
-below the feet, in body axes: (0, 0, 1) of a base that is parallel to it."""
+"""The floating base: position and velocity of its origin in world axes, orientation, angular velocity in *body* axes.
+``height`` is the height of the origin above the mean height of the terrain below the feet. ``ground_normal`` is the
+upward normal, in body axes, of the plane that fits the terrain below the feet; it is (0, 0, 1) if the base is parallel
+to this plane."""
 
 joints = group("joints", position="rad", velocity="rad/s", acceleration="rad/s^2", torque="Nm", target="rad")
-"""The actuated joints, in state order; ``target`` is what a joint controller follows."""
+"""The actuated joints, in state order; ``target`` is the target angle of a joint controller."""
 
 feet = group(
     "feet",
@@ -34,10 +36,10 @@ feet = group(
     landing="",
     lifting="",
 )
-"""The feet. ``height`` is the gap between ball and terrain; ``reach`` how far a foot is ahead and to the left of the
-base's origin, in the axes of its heading; ``force`` acts on the robot, zero for feet in the air; ``contact`` is 1 for
-feet on the ground, ``landing`` for feet that touch down at the phase's end, ``lifting`` for feet at the first two nodes
-after they have left."""
+"""The feet. ``height`` is the distance between the foot's ball and the terrain. ``reach`` is the position of a foot
+relative to the base's origin in the base's heading axes: ahead and left. ``force`` acts on the robot; it is zero for
+feet in the air. ``contact`` is 1 for feet on the ground, ``landing`` is 1 for feet that touch down at the phase's end,
+``lifting`` is 1 for feet at the first two nodes after their liftoff."""
 
 com = group("com", position=("m", "point"), velocity=("m/s", "direction"))
 """The centre of mass of the whole robot."""

@@ -1,20 +1,20 @@
 """Rigid-body recursions over a tree: inverse dynamics, mass matrix, motion of points, as CasADi expressions.
 
-The tree is a floating base (link 0) with revolute joints; its numbers are a :class:`~.tree.Tree`. Layout is the
-state's: ``q`` = world position of the base origin, quaternion (w, x, y, z), joint angles; ``v`` = world velocity of the
-base origin, body angular velocity, joint velocities; ``a`` = dv/dt. Forces are dual to v: world force on the base, body
-torque about its origin, joint torques.
+The tree is a floating base (link 0) with revolute joints; its numbers are a :class:`~.tree.Tree`. The layout is that of
+the state: ``q`` = world position of the base origin, quaternion (w, x, y, z), joint angles; ``v`` = world velocity of
+the base origin, body angular velocity, joint velocities; ``a`` = dv/dt. Forces are dual to v: world force on the base,
+body torque about its origin, joint torques.
 
-Vectors live in the frame of their link. Two choices keep the expressions, and above all their derivatives, small:
+Vectors of a link are in the link's frame. Two choices keep the expressions and their derivatives small:
 
-* A link feels rotation only through Ω = [α×] + [ω×]², the matrix that maps a fixed point r to its acceleration Ω r.
-  With first moment h = ∫ r dm and second moment Σ = ∫ r rᵀ dm about the link's origin, which moves with e::
+* Rotation enters only through Ω = [α×] + [ω×]², the matrix that maps a point r fixed to the link to its acceleration
+  Ω r. With first moment h = ∫ r dm and second moment Σ = ∫ r rᵀ dm about the link's origin, whose acceleration is e::
 
       f = m e + Ω h,        n = ∫ r × (e + Ω r) dm = h × e + vee(Ω Σ)
 
-* The recursion runs *relative to the base origin*. What the origin's acceleration and gravity add is one pull through
-  the first moments of the subtrees, so derivatives with respect to attitude, base acceleration and contact force pass
-  through a few instructions and not through the tree.
+* The recursion is *relative to the base origin*. The acceleration of the origin and gravity add one term per link, the
+  cross product with the first moment of its subtree. Derivatives with respect to attitude, base acceleration and
+  contact force therefore need few instructions: they do not depend on the recursion over the tree.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 
 class Recursion:
-    """A tree in one state: positions, velocities, accelerations of its points, and the forces that its motion takes.
+    """Kinematics and dynamics of a tree at one state: motion of its points, and the generalised forces of its motion.
 
     Args:
         tree: the tree.
@@ -49,22 +49,22 @@ class Recursion:
         self.attitude = rotation.matrix(q[3:7])
         self.v = cs.SX.zeros(tree.nv) if v is None else v
         self.a = cs.SX.zeros(tree.nv) if a is None else a
-        turns = [self.attitude]
+        rotations = [self.attitude]
         for i in range(1, tree.num_links):
-            turns.append(_turn(tree.rotations[i], tree.axes[i], q[6 + i]))
-        self._turns = turns
+            rotations.append(_rotation(tree.rotations[i], tree.axes[i], q[6 + i]))
+        self._rotations = rotations
 
     def turn(self, link: int) -> cs.SX:
         """Return the rotation of a link's frame in its parent's, the base's in the world, (3, 3)."""
-        return self._turns[link]
+        return self._rotations[link]
 
-    # ---- motion of the links, outwards
+    # ---- motion of the links, from the base to the feet
 
     @cached_property
     def _omega(self) -> list[cs.SX]:
         omega = [self.v[3:6]]
         for i in range(1, self.tree.num_links):
-            omega.append(self._turns[i].T @ omega[self.tree.parents[i]] + self.tree.axes[i] * self.v[5 + i])
+            omega.append(self._rotations[i].T @ omega[self.tree.parents[i]] + self.tree.axes[i] * self.v[5 + i])
         return omega
 
     @cached_property
@@ -73,16 +73,21 @@ class Recursion:
         alpha = [self.a[3:6]]
         for i in range(1, self.tree.num_links):
             rate = self.tree.axes[i] * self.v[5 + i]
-            carried = self._turns[i].T @ alpha[self.tree.parents[i]]
-            alpha.append(carried + self.tree.axes[i] * self.a[5 + i] + cs.cross(self._omega[i], rate))
+            parent = self._rotations[i].T @ alpha[self.tree.parents[i]]
+            alpha.append(parent + self.tree.axes[i] * self.a[5 + i] + cs.cross(self._omega[i], rate))
         return [_spin(alpha_i, omega_i) for alpha_i, omega_i in zip(alpha, self._omega, strict=True)]
 
-    def _carry(self, maps: list[cs.SX]) -> list[cs.SX]:
-        """Return how fast every link's origin moves relative to the base origin, when ``maps`` carry points."""
+    def _origins(self, maps: list[cs.SX]) -> list[cs.SX]:
+        """Return the motion of every link's origin relative to the base origin, in the link's frame.
+
+        Args:
+            maps: per link, the matrix that maps a point fixed to the link to its motion relative to the link's origin,
+                (3, 3): [ω×] for velocities, Ω for accelerations.
+        """
         moved = [cs.SX.zeros(3)]
         for i in range(1, self.tree.num_links):
             parent = self.tree.parents[i]
-            moved.append(self._turns[i].T @ (moved[parent] + maps[parent] @ self.tree.offsets[i]))
+            moved.append(self._rotations[i].T @ (moved[parent] + maps[parent] @ self.tree.offsets[i]))
         return moved
 
     # ---- points
@@ -91,16 +96,16 @@ class Recursion:
         """Return the point relative to the origin of each link on its path, in that link's frame, the base last."""
         arms = [cs.SX(point.offset)]
         for i in self.tree.path(point.link):
-            arms.append(self.tree.offsets[i] + self._turns[i] @ arms[-1])
+            arms.append(self.tree.offsets[i] + self._rotations[i] @ arms[-1])
         return arms
 
-    def _swept(self, point: Point, maps: list[cs.SX]) -> cs.SX:
-        """Return how a point moves relative to the base origin, in base axes, when ``maps`` carry points."""
-        swept, offset, link = cs.SX.zeros(3), point.offset, point.link
+    def _motion(self, point: Point, maps: list[cs.SX]) -> cs.SX:
+        """Return the motion of a point relative to the base origin, in base axes; ``maps`` as in :meth:`_origins`."""
+        motion, offset, link = cs.SX.zeros(3), point.offset, point.link
         for i in self.tree.path(point.link):
-            swept = self._turns[i] @ (swept + maps[i] @ offset)
+            motion = self._rotations[i] @ (motion + maps[i] @ offset)
             offset, link = self.tree.offsets[i], self.tree.parents[i]
-        return swept + maps[link] @ offset
+        return motion + maps[link] @ offset
 
     def point(self, point: Point) -> cs.SX:
         """Return a point's world position, (3, 1) [m]."""
@@ -108,41 +113,44 @@ class Recursion:
 
     def velocity(self, point: Point) -> cs.SX:
         """Return a point's world velocity, (3, 1) [m/s]."""
-        return self.v[:3] + self.attitude @ self._swept(point, [cs.skew(w) for w in self._omega])
+        return self.v[:3] + self.attitude @ self._motion(point, [cs.skew(w) for w in self._omega])
 
     def acceleration(self, point: Point, gamma: cs.SX | float = 0.0) -> cs.SX:
         """Return a point's world (classical) acceleration, plus γ times its velocity, (3, 1) [m/s²]."""
         maps = [spin + gamma * cs.skew(w) for spin, w in zip(self._spin, self._omega, strict=True)]
-        return self.a[:3] + gamma * self.v[:3] + self.attitude @ self._swept(point, maps)
+        return self.a[:3] + gamma * self.v[:3] + self.attitude @ self._motion(point, maps)
 
-    # ---- forces, inwards
+    # ---- forces, from the feet to the base
 
     def _gather(self, maps: list[cs.SX], body: Inertials) -> tuple[cs.SX, list[cs.SX]]:
-        """Return the force on the base, and per link the moment about its origin, that the carried masses take."""
-        moved = self._carry(maps)
+        """Return the inertial force of all links on the base, and per link the moment of its subtree about its origin.
+
+        With ``maps`` of velocities these are momenta, see :meth:`_origins`.
+        """
+        moved = self._origins(maps)
         force, moment = [], []
         for m, h, second, e, spin in zip(body.mass, body.first, body.second, moved, maps, strict=True):
             force.append(m * e + spin @ h)
             moment.append(cs.cross(h, e) + _vee(spin @ second))
         for i in reversed(range(1, self.tree.num_links)):
-            parent, pull = self.tree.parents[i], self._turns[i] @ force[i]
+            parent, pull = self.tree.parents[i], self._rotations[i] @ force[i]
             force[parent] += pull
-            moment[parent] += self._turns[i] @ moment[i] + cs.cross(cs.SX(self.tree.offsets[i]), pull)
+            moment[parent] += self._rotations[i] @ moment[i] + cs.cross(cs.SX(self.tree.offsets[i]), pull)
         return force[0], moment
 
     def _subtree_first(self, body: Inertials) -> tuple[list[cs.SX], list[cs.SX]]:
         """Return mass and first moment of every subtree about its root's origin."""
         mass, first = list(body.mass), list(body.first)
         for i in reversed(range(1, self.tree.num_links)):
-            first[self.tree.parents[i]] += mass[i] * self.tree.offsets[i] + self._turns[i] @ first[i]
+            first[self.tree.parents[i]] += mass[i] * self.tree.offsets[i] + self._rotations[i] @ first[i]
             mass[self.tree.parents[i]] += mass[i]
         return mass, first
 
     def inverse_dynamics(self, body: Inertials, gravity: cs.SX, forces: Sequence[tuple[Point, cs.SX]] = ()) -> cs.SX:
-        """Return the generalised force that the acceleration takes beyond gravity and world forces on points.
+        """Return the generalised force of the accelerated motion, minus gravity and external forces on points.
 
         Args:
-            body: what the links weigh.
+            body: inertial parameters of the links.
             gravity: world gravity, (3, 1) [m/s²].
             forces: points and the world force on each, (3, 1) [N].
 
@@ -154,7 +162,7 @@ class Recursion:
         mass, first = self._subtree_first(body)
         pull = [self.attitude.T @ (self.a[:3] - gravity)]
         for i in range(1, tree.num_links):
-            pull.append(self._turns[i].T @ pull[tree.parents[i]])
+            pull.append(self._rotations[i].T @ pull[tree.parents[i]])
         moment = [n + cs.cross(h, g) for n, h, g in zip(moment, first, pull, strict=True)]
         linear = mass[0] * (self.a[:3] - gravity) + self.attitude @ base_force
         for point, force in forces:
@@ -162,7 +170,7 @@ class Recursion:
             links = [*tree.path(point.link), 0]
             turned = {0: self.attitude.T @ force}
             for i in reversed(links[:-1]):
-                turned[i] = self._turns[i].T @ turned[tree.parents[i]]
+                turned[i] = self._rotations[i].T @ turned[tree.parents[i]]
             for i, arm in zip(links, self._relative(point), strict=True):
                 moment[i] -= cs.cross(arm, turned[i])
         torques = [cs.dot(tree.axes[i], moment[i]) for i in range(1, tree.num_links)]
@@ -171,11 +179,11 @@ class Recursion:
     # ---- sums over the tree
 
     def mass_matrix(self, body: Inertials) -> cs.SX:
-        """Return the joint-space inertia M of the layout, (6 + n, 6 + n), by composite bodies."""
+        """Return the joint-space inertia M in the state's layout, (6 + n, 6 + n), by composite rigid bodies."""
         tree, (mass, first), second = self.tree, self._subtree_first(body), list(body.second)
         for i in reversed(range(1, tree.num_links)):
-            p, h = cs.SX(tree.offsets[i]), self._turns[i] @ first[i]
-            shifted = self._turns[i] @ second[i] @ self._turns[i].T + p @ h.T + h @ p.T + mass[i] * p @ p.T
+            p, h = cs.SX(tree.offsets[i]), self._rotations[i] @ first[i]
+            shifted = self._rotations[i] @ second[i] @ self._rotations[i].T + p @ h.T + h @ p.T + mass[i] * p @ p.T
             second[tree.parents[i]] += shifted
         M = cs.SX(tree.nv, tree.nv)
         M[:3, :3] = mass[0] * cs.SX.eye(3)
@@ -186,8 +194,8 @@ class Recursion:
             for j in [*tree.path(i), 0]:
                 if j:
                     M[5 + i, 5 + j] = M[5 + j, 5 + i] = cs.dot(tree.axes[j], moment)
-                    force = self._turns[j] @ force
-                    moment = self._turns[j] @ moment + cs.cross(cs.SX(tree.offsets[j]), force)
+                    force = self._rotations[j] @ force
+                    moment = self._rotations[j] @ moment + cs.cross(cs.SX(tree.offsets[j]), force)
             M[5 + i, :3], M[5 + i, 3:6] = (self.attitude @ force).T, moment.T
         lower = cs.tril(M, False)
         return cs.tril(M) + lower.T
@@ -205,7 +213,7 @@ class Recursion:
         return mass[0] * self.v[:3] + self.attitude @ relative, self.attitude @ about_com
 
 
-def _turn(placed: Array, axis: Array, angle: cs.SX) -> cs.SX:
+def _rotation(placed: Array, axis: Array, angle: cs.SX) -> cs.SX:
     """Return the rotation of a link's frame in its parent's, (3, 3)."""
     along, across = np.outer(axis, axis), np.cross(np.eye(3), axis)
     parts = [cs.SX(placed @ part) for part in (along, np.eye(3) - along, across)]
@@ -220,6 +228,6 @@ def _spin(alpha: cs.SX, omega: cs.SX) -> cs.SX:
     return stack([[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]])
 
 
-def _vee(carried: cs.SX) -> cs.SX:
+def _vee(moment: cs.SX) -> cs.SX:
     """Return ∫ r × (Ω r) dm from Ω Σ, (3, 1)."""
-    return cs.vertcat(carried[2, 1] - carried[1, 2], carried[0, 2] - carried[2, 0], carried[1, 0] - carried[0, 1])
+    return cs.vertcat(moment[2, 1] - moment[1, 2], moment[0, 2] - moment[2, 0], moment[1, 0] - moment[0, 1])

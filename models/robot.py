@@ -28,7 +28,7 @@ class Foot:
     Args:
         name: short name, the robot's own, e.g. ``"FL"``.
         frame: name of the frame at the centre of the foot's ball.
-        roles: what gaits know it by, a subset of ``ROLES``.
+        roles: its roles in gaits, a subset of ``ROLES``.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Foot:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """Everything that Piaffe knows of a robot. Robots compare by identity.
+    """A robot: its mechanism, feet, limits and poses. Robots compare by identity.
 
     Args:
         name: name for messages and files.
@@ -51,14 +51,14 @@ class Robot:
         feet: the feet; their order is that of every stacked foot quantity.
         foot_radius: radius of the foot's ball; a foot touches the ground when its frame is this far above it [m].
         joint_names: names in state order, n of them.
-        torque_limit: largest torque, (n,) [Nm]; infinite if unlimited, as all limits.
+        torque_limit: largest torque, (n,) [Nm]; this and the other limits are infinite where there is none.
         joint_lower: smallest angle, (n,) [rad].
         joint_upper: largest angle, (n,) [rad].
         joint_speed_limit: largest speed, (n,) [rad/s].
-        armature: inertia of the rotors as seen at the joints, (n,) [kg m^2].
+        armature: rotor inertia reflected to the joints, (n,) [kg m^2].
         poses: named joint angles, each (n,) [rad]; ``"stand"`` and ``"crouch"`` at least.
         urdf: the file that it was read from, if any; the visual geometry comes from it.
-        package_dirs: folders in which ``package://`` meshes are looked for.
+        package_dirs: folders in which ``package://`` meshes are searched.
         recipe: how it was loaded, for files: see :mod:`piaffe.models.robots`; empty for a robot built by hand.
     """
 
@@ -83,7 +83,7 @@ class Robot:
             self.frame_id(foot.frame)
         if not np.isfinite(self.foot_radius) or self.foot_radius < 0:
             raise ModelError(
-                f"robot '{self.name}': foot_radius is no length - got {self.foot_radius}, expected a finite number "
+                f"robot '{self.name}': foot_radius is not a length - got {self.foot_radius}, expected a finite number "
                 "≥ 0 [m]; give the radius of the foot's ball, 0 for a point"
             )
         for key in ("torque_limit", "joint_lower", "joint_upper", "joint_speed_limit", "armature"):
@@ -114,12 +114,12 @@ class Robot:
 
     @cached_property
     def visual(self) -> pinocchio.GeometryModel | None:
-        """The visual geometry, read on first use; None if there is no file, or its meshes cannot be found."""
+        """The visual geometry, read on first use; None without a file, or if its meshes are not found."""
         return self._geometry(pinocchio.GeometryType.VISUAL)
 
     @cached_property
     def collision(self) -> pinocchio.GeometryModel | None:
-        """The collision geometry, likewise."""
+        """The collision geometry, read on first use; None without a file, or if its meshes are not found."""
         return self._geometry(pinocchio.GeometryType.COLLISION)
 
     def _geometry(self, kind: pinocchio.GeometryType) -> pinocchio.GeometryModel | None:
@@ -138,7 +138,7 @@ class Robot:
         raise UnknownNameError(f"robot '{self.name}'", "foot", name, self.foot_names)
 
     def feet_with(self, roles: str | Iterable[str]) -> tuple[Foot, ...]:
-        """Return the feet that have all the roles, ``"front left"`` or ``("front", "left")``; all feet for none."""
+        """Return the feet that have all the roles, ``"front left"`` or ``("front", "left")``; all feet for no role."""
         wanted = tuple(roles.split() if isinstance(roles, str) else roles)
         for role in wanted:
             if role not in ROLES:
@@ -152,7 +152,10 @@ class Robot:
         return int(self.model.getFrameId(name))
 
     def joint_axis(self, index: int) -> Array:
-        """Return what a joint of the model slides along and turns about, in its own axes, (6,), one half zero."""
+        """Return the motion subspace of a joint in its own frame, (6,): axis of translation, axis of rotation.
+
+        One of the two is zero.
+        """
         joint = self.model.joints[index]
         data = joint.createData()
         joint.calc(data, np.zeros(1))
@@ -165,7 +168,7 @@ class Robot:
 
         Args:
             joints: the name of a pose, n numbers, or a mapping from labels to angles, e.g. ``{"FL_HAA": 0.3}`` or
-                ``{"HAA": 0.3}`` for that joint of every leg; joints that it does not name stay as in ``"stand"``.
+                ``{"HAA": 0.3}`` for that joint of every leg; the other joints have their angles of ``"stand"``.
         """
         where = f"robot '{self.name}', joints"
         if isinstance(joints, str):
@@ -189,7 +192,7 @@ class Robot:
             angles = np.array(joints, dtype=float)
         except (TypeError, ValueError):
             raise ModelError(
-                f"{where}: no joint angles - got {joints!r}, expected the name of a pose ({', '.join(self.poses)}), "
+                f"{where}: not joint angles - got {joints!r}, expected the name of a pose ({', '.join(self.poses)}), "
                 f"{self.num_joints} numbers or a mapping from labels to angles; give one of them"
             ) from None
         self._check_size("joints", angles)

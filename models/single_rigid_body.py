@@ -1,4 +1,4 @@
-"""The single rigid body: a robot whose legs weigh nothing, pushed by forces at given footholds."""
+"""The single-rigid-body model: one body and massless legs, with contact forces at given footholds."""
 
 from __future__ import annotations
 
@@ -25,20 +25,22 @@ Array = NDArray[np.float64]
 
 
 class SingleRigidBody(LeggedModel):
-    """One rigid body under gravity and the forces of the feet on the ground, at footholds fixed in the world.
+    """One rigid body under gravity and the contact forces of the feet, at footholds fixed in the world.
 
-    With flags s, forces f (the control) and footholds r, about the base's origin, where the mass is put::
+    The centre of mass is the base's origin, at position p. With contact flags s, forces f (the control) and footholds
+    r::
 
         v̇ = Σ s f / m + g,        I ω̇ = Rᵀ Σ s (r − p) × f − ω × I ω
 
-    The mode never cuts the horizon: flags and footholds are numbers of each node. The control's entries of feet in the
-    air move nothing; as terms see them unmasked, a cost on ``feet.force`` keeps them at zero.
+    A change of contacts does not begin a new phase: flags and footholds are parameters of each node. Forces of feet in
+    the air have no effect on the dynamics. Terms see these forces unmasked, so a cost on ``feet.force`` keeps them at
+    zero.
 
     Args:
         robot: the robot.
-        mass: m [kg]; by default all links.
-        inertia: I in body axes, (3, 3) or its xx, yy, zz, xy, xz, yz [kg m²]; by default that of the robot as it
-            stands, about its centre of mass.
+        mass: m [kg]; by default the mass of all links.
+        inertia: I in body axes, (3, 3) or its xx, yy, zz, xy, xz, yz [kg m²]; by default the inertia of the robot in
+            its ``"stand"`` pose, about its centre of mass.
         name: name of the model.
     """
 
@@ -69,13 +71,13 @@ class SingleRigidBody(LeggedModel):
         return {"contact": self.flags(node.mode), "footholds": self._footholds(node.sample)}
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
-        """Return the dynamics of every contact set, see the class."""
+        """Return the dynamics, the same for every contact set; see the class."""
         position, R, omega = x[:3], rotation.matrix(x[3:7]), x[10:13]
         force, torque = cs.SX.zeros(3), cs.SX.zeros(3)
         for i in range(self.num_feet):
-            push = p["contact"][i] * u[3 * i : 3 * i + 3]
-            force += push
-            torque += cs.cross(p["footholds"][3 * i : 3 * i + 3] - position, push)
+            acting = p["contact"][i] * u[3 * i : 3 * i + 3]
+            force += acting
+            torque += cs.cross(p["footholds"][3 * i : 3 * i + 3] - position, acting)
         xx, yy, zz, xy, xz, yz = cs.vertsplit(p["inertia"])
         tensor = cs.vertcat(cs.horzcat(xx, xy, xz), cs.horzcat(xy, yy, yz), cs.horzcat(xz, yz, zz))
         spin = R.T @ torque - cs.cross(omega, tensor @ omega)
@@ -87,12 +89,12 @@ class SingleRigidBody(LeggedModel):
     def step(
         self, x: ArrayLike, u: ArrayLike, feet: str | Stance, footholds: ArrayLike, dt: float, **parameters: Any
     ) -> Array:
-        """Return the state one time step later, (13,), its quaternion of unit length.
+        """Return the state one time step later, (13,), with a unit quaternion.
 
         Args:
             x: state, (13,).
             u: world forces of all feet, (nf, 3) or (3 nf,) [N].
-            feet: those on the ground, ``"FL HR"``.
+            feet: the feet on the ground, ``"FL HR"``.
             footholds: world positions of all feet, (nf, 3) or (3 nf,) [m].
             dt: time step [s].
             parameters: other values of slots.
@@ -108,7 +110,7 @@ class SingleRigidBody(LeggedModel):
         return cs.Function("step", [x, u, p["dt"], *(p[slot.name] for slot in self.slots)], [dynamics.next_state])
 
     def _makers(self, x: cs.SX, u: cs.SX, spin: cs.SX, p: Mapping[str, cs.SX]) -> dict[str, Callable[[], Bound]]:
-        """Return how to bind each quantity; the centre of mass is the base's origin."""
+        """Return the functions that make the quantities; the centre of mass is the base's origin."""
         stacked, names = foot_labels(self.robot), self.robot.foot_names
         bound = [
             Bound(base.position, x[:3], XYZ),
@@ -127,7 +129,7 @@ class SingleRigidBody(LeggedModel):
         return {each.quantity.path: partial(_same, each) for each in bound}
 
     def _footholds(self, sample: Sample) -> Array:
-        """Return the reference's feet; without it, those of the standing robot below the base, on the ground."""
+        """Return the feet of the reference, (3 nf,) [m]; without one, the feet of the standing robot below the base."""
         if feet.position in sample:
             return np.asarray(sample[feet.position], dtype=float)
         x, y, yaw = self.planar_frame(sample)
@@ -151,7 +153,7 @@ def _standing_inertia(robot: Robot) -> Array:
 
 
 def _six(robot: Robot, inertia: ArrayLike) -> Array:
-    """Return xx, yy, zz, xy, xz, yz of an inertia; raise ModelError if it is none."""
+    """Return xx, yy, zz, xy, xz, yz of an inertia; raise ModelError if it is not the inertia of a rigid body."""
     array: Array = np.asarray(inertia, dtype=float)
     if array.shape == (3, 3) and np.allclose(array, array.T):
         array = array[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
@@ -164,8 +166,8 @@ def _six(robot: Robot, inertia: ArrayLike) -> Array:
     principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) if np.all(np.isfinite(array)) else array
     if not np.all(principal > 0):
         raise ModelError(
-            f"rigid body of '{robot.name}': inertia is that of no body - got principal inertias {principal.tolist()} "
-            "kg m^2, expected positive ones; fix it"
+            f"rigid body of '{robot.name}': inertia is not positive - got principal inertias {principal.tolist()} "
+            "kg m^2, expected positive ones; check its signs"
         )
     return array
 

@@ -12,12 +12,12 @@ from .robot import Robot
 
 @dataclass(frozen=True)
 class Stance:
-    """A set of feet on the ground; equal sets are equal values. Made by :func:`stance`.
+    """A set of feet on the ground, made by :func:`stance`; equal sets compare equal.
 
     Args:
         feet: names, sorted.
-        roles: further feet by what they are, to be looked up in a robot: each entry names the feet that have all of
-            its roles, ``"front left"``; ``"all"`` names every foot.
+        roles: further feet by their roles, which :meth:`resolve` replaces by names: each entry stands for the feet that
+            have all of its roles, ``"front left"``; ``"all"`` stands for every foot.
     """
 
     feet: tuple[str, ...] = ()
@@ -27,7 +27,12 @@ class Stance:
         return " ".join((*self.feet, *(f"<{role}>" for role in self.roles)))
 
     def resolve(self, robot: Robot) -> Stance:
-        """Return the same set in the robot's names; raise UnknownNameError for a foot or role that it lacks."""
+        """Return the same set by the robot's foot names.
+
+        Raises:
+            UnknownNameError: the robot does not have a foot of that name, or there is no such role.
+            ModelError: no foot of the robot has the roles.
+        """
         names = {robot.foot(name).name for name in self.feet}
         for role in self.roles:
             found = robot.feet if role == "all" else robot.feet_with(role)
@@ -45,8 +50,8 @@ def stance(feet: str | Iterable[str] = "", *, roles: str | Iterable[str] = ()) -
 
     Args:
         feet: names separated by spaces, or a collection of names.
-        roles: instead of names, what feet are: ``"front"`` or ``"front left"`` (both at once), or several of these,
-            ``("front left", "hind right")``, whose feet are joined; ``"all"`` for every foot.
+        roles: roles in place of names: ``"front"`` or ``"front left"`` (feet that have both), or several of these,
+            ``("front left", "hind right")``, for the feet of all of them; ``"all"`` for every foot.
     """
     names = feet.split() if isinstance(feet, str) else feet
     entries = [entry for entry in ([roles] if isinstance(roles, str) else roles) if entry.split()]

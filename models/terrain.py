@@ -1,4 +1,4 @@
-"""Terrains: ground whose height is known everywhere - in expressions, in numbers, and as MuJoCo geoms that agree."""
+"""Terrains: the height of the ground as CasADi expressions and NumPy arrays, and the same ground as MuJoCo geoms."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ FLOOR = "floor"
 
 _DEPTH = 0.3  # [m], how far boxes reach below the floor
 _STONE = (0.72, 0.74, 0.78, 1.0)
-_TINY = 1e-6  # [m²], added to the spread of places; feet of a robot are spread by more than 0.01
-_MOST_NODES = 400  # of a height field: each costs some ten operations per foot
+_TINY = 1e-6  # [m²], added to the second moments of places to keep them regular; a robot's feet have more than 0.01
+_MOST_NODES = 400  # of a height field: each node adds about ten operations per foot
 
 
 class Terrain(ABC):
-    """Ground without overhangs: one height for every place in the plane."""
+    """Ground without overhangs: one height at every place in the plane."""
 
     @abstractmethod
     def height(self, x: Any, y: Any) -> Any:
@@ -39,9 +39,9 @@ class Terrain(ABC):
         """
 
     def slope(self, xs: Sequence[Any], ys: Sequence[Any]) -> tuple[Any, Any]:
-        """Return how steeply the ground rises along x and y: of the plane that fits it best at some places.
+        """Return the slopes along x and y of the plane that fits the ground at some places best.
 
-        Where the places lie in a line, the plane is level across it.
+        If the places are on one line, the plane is level across it.
         """
         zs = [self.height(x, y) for x, y in zip(xs, ys, strict=True)]
         dx, dy, dz = ([value - sum(values) / len(values) for value in values] for values in (xs, ys, zs))
@@ -52,7 +52,7 @@ class Terrain(ABC):
 
     @abstractmethod
     def add_to(self, spec: Any, **surface: Any) -> None:
-        """Add the ground's geoms to the world of a ``mujoco.MjSpec``, each with the given options of a geom."""
+        """Add the ground's geoms to the world body of a ``mujoco.MjSpec``; ``surface`` are options of each geom."""
 
     def mean_height(self, xs: Sequence[Any], ys: Sequence[Any]) -> Any:
         """Return the mean height of the ground at some places [m]."""
@@ -64,7 +64,7 @@ class Flat(Terrain):
     """Level ground; made by :func:`flat`.
 
     Args:
-        level: its height [m]; a number, or (within a model) an expression.
+        level: its height [m]; a number, or an expression (used by models).
     """
 
     level: Any = 0.0
@@ -95,14 +95,14 @@ class Incline(Terrain):
     direction: float
 
     def height(self, x: Any, y: Any) -> Any:
-        """Return the height of the slope, or of the floor before it [m]."""
+        """Return the height of the slope, or of the level ground before it [m]."""
         along = cos(self.direction) * x + sin(self.direction) * y
         if self.start == -inf:
             return tan(self.angle) * along
         return _maximum(tan(self.angle) * (along - self.start), 0.0)
 
     def add_to(self, spec: Any, **surface: Any) -> None:
-        """Add a tilted plane, and a level one where the slope has a start: what lies below either is ground."""
+        """Add a tilted plane and, if the slope has a start, a level one; the ground is what is below either plane."""
         reach = 0.0 if self.start == -inf else self.start
         place = (reach * cos(self.direction), reach * sin(self.direction), 0.0)
         half, turn = -self.angle / 2, self.direction / 2
@@ -134,8 +134,8 @@ class Box:
         numbers = (*self.place, *self.size, self.height, self.yaw)
         if not (all(map(isfinite, numbers)) and min(*self.size, self.height) > 0):
             raise ModelError(
-                f"terrain box: no block - got place {self.place}, size {self.size}, height {self.height}, yaw "
-                f"{self.yaw}, expected finite numbers, sizes and height above 0 [m]; fix it"
+                f"terrain box: numbers are out of range - got place {self.place}, size {self.size}, height "
+                f"{self.height}, yaw {self.yaw}, expected finite numbers, sizes and height above 0 [m]; change them"
             )
 
     def covers(self, x: Any, y: Any) -> Any:
@@ -146,7 +146,7 @@ class Box:
         return _within(along, self.size[0] / 2) * _within(across, self.size[1] / 2)
 
     def add_to(self, spec: Any, name: str, surface: dict[str, Any]) -> None:
-        """Add the box, which reaches below the floor, so that what sinks in is pushed up and not aside."""
+        """Add the box; it reaches below the floor, so that a geom that penetrates it is pushed up and not sideways."""
         tall = (self.height + _DEPTH) / 2
         spec.worldbody.add_geom(
             name=name, type=import_mujoco().mjtGeom.mjGEOM_BOX, pos=(*self.place, self.height - tall),
@@ -162,7 +162,7 @@ class Boxes(Terrain):
     blocks: tuple[Box, ...]
 
     def height(self, x: Any, y: Any) -> Any:
-        """Return the top of the highest box at a place, else 0 [m]."""
+        """Return the top of the highest box at a place; 0 where there is none [m]."""
         tops = [box.height * box.covers(x, y) for box in self.blocks]
         return reduce(_maximum, tops, 0.0 * x)
 
@@ -186,7 +186,7 @@ class Stairs(Terrain):
     platform: float
 
     def height(self, x: Any, y: Any) -> Any:
-        """Return the height of the step at a place, else 0 [m]."""
+        """Return the height of the step at a place; 0 where there is none [m]."""
         c, s = cos(self.direction), sin(self.direction)
         along, across = c * x + s * y, c * y - s * x
         climbed = sum(along >= self.start + i * self.run for i in range(self.steps))
@@ -210,14 +210,14 @@ class Stairs(Terrain):
 
 @dataclass(frozen=True)
 class HeightField(Terrain):
-    """Ground over a grid, flat between neighbours; made by :func:`heightfield`."""
+    """Ground with heights at the nodes of a grid, linear between them; made by :func:`heightfield`."""
 
     heights: tuple[tuple[float, ...], ...]
     size: tuple[float, float]
     centre: tuple[float, float]
 
     def height(self, x: Any, y: Any) -> Any:
-        """Return the field's height at a place, else 0 [m]: the nodes' hat functions on MuJoCo's triangles."""
+        """Return the height at a place, 0 outside the grid [m]: a sum of hat functions on MuJoCo's triangles."""
         grid = np.array(self.heights)
         rows, columns = grid.shape
         ahead, aside = x - self.centre[0], y - self.centre[1]
@@ -247,7 +247,7 @@ class HeightField(Terrain):
             Box(self.centre, self.size, high).add_to(spec, "field", surface)
 
 
-# ---- what a user says
+# ---- constructors
 
 
 def flat(level: float = 0.0) -> Flat:
@@ -264,17 +264,16 @@ def incline(angle: float, start: float = 0.5, direction: float = 0.0) -> Incline
     """Return a slope that begins on level ground.
 
     Args:
-        angle: of the slope; positive ones rise [rad].
-        start: where it begins, measured from the origin along ``direction`` [m]; −∞ for a slope everywhere, through
-            the origin.
-        direction: where it rises to, an angle from the x axis [rad].
+        angle: of the slope; a positive one rises [rad].
+        start: distance of its start from the origin along ``direction`` [m]; −∞ for a slope everywhere, through the
+            origin.
+        direction: direction of the slope, an angle from the x axis [rad].
     """
     _require("incline", "angle", angle, -pi / 2 < angle < pi / 2, "an angle between −π/2 and π/2 [rad]")
     _require("incline", "start", start, isfinite(start) or start == -inf, "a finite number or −inf [m]")
     _require("incline", "direction", direction, isfinite(direction), "a finite number [rad]")
-    _require(
-        "incline", "angle", angle, angle >= 0 or start == -inf, "one that rises, after a start; fall with start=-inf"
-    )
+    expected = "an angle ≥ 0, or start=-inf for a falling slope"
+    _require("incline", "angle", angle, angle >= 0 or start == -inf, expected)
     return Incline(float(angle), float(start), float(direction))
 
 
@@ -293,11 +292,11 @@ def stairs(
     Args:
         rise: height of a step [m].
         run: depth of a step [m].
-        steps: how many.
-        start: where the first begins, measured from the origin along ``direction`` [m].
-        direction: where they rise to, an angle from the x axis [rad].
-        width: across [m].
-        platform: length of the last step [m].
+        steps: number of steps.
+        start: distance of the first step from the origin along ``direction`` [m].
+        direction: direction in which they rise, an angle from the x axis [rad].
+        width: width of the stairs [m].
+        platform: depth of the last step [m].
     """
     for name, value in (("rise", rise), ("run", run), ("width", width), ("platform", platform)):
         _require("stairs", name, value, isfinite(value) and value > 0, "a positive number [m]")
@@ -316,12 +315,12 @@ def boxes(*blocks: Box) -> Boxes:
 
 
 def heightfield(heights: ArrayLike, size: tuple[float, float], centre: tuple[float, float] = (0.0, 0.0)) -> HeightField:
-    """Return ground over a grid, on a level floor that goes on around it.
+    """Return ground with heights at the nodes of a grid, on a level floor that continues around it.
 
-    Between four neighbours the ground is two triangles that meet from low x and y to high x and y, as in MuJoCo.
+    Each cell of the grid is two triangles, divided along its diagonal from low x and y to high x and y, as in MuJoCo.
 
     Args:
-        heights: at the nodes, rows along y and columns along x, (r, c), none below 0 and at most 400 in all [m].
+        heights: at the nodes, rows along y and columns along x, (r, c), each ≥ 0 and at most 400 in all [m].
         size: extent in x and y [m].
         centre: x and y of its middle [m].
     """
@@ -335,7 +334,7 @@ def heightfield(heights: ArrayLike, size: tuple[float, float], centre: tuple[flo
     return HeightField(rows, (float(size[0]), float(size[1])), (float(centre[0]), float(centre[1])))
 
 
-# ---- expressions and numbers alike
+# ---- helpers for both expressions and arrays
 
 
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
@@ -357,7 +356,7 @@ def _within(value: Any, half: float) -> Any:
 def _add_plane(
     spec: Any, name: str, place: Sequence[float], surface: dict[str, Any], quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0)
 ) -> None:
-    """Add an endless plane."""
+    """Add an infinite plane."""
     kind = import_mujoco().mjtGeom.mjGEOM_PLANE
     spec.worldbody.add_geom(name=name, type=kind, pos=place, quat=quat, size=(0, 0, 0.05), **surface)
 

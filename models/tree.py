@@ -1,4 +1,4 @@
-"""A tree of links in numbers: where the joints are, what the links weigh; read from a ``pinocchio.Model``."""
+"""A kinematic tree as arrays: placements of the joints and inertial parameters, read from a ``pinocchio.Model``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """The geometry of a tree of links; link i > 0 hangs on its parent by revolute joint i − 1.
+    """A tree of links; revolute joint i − 1 connects link i > 0 to its parent.
 
     Args:
         parents: parent of every link, −1 for the base; a parent comes before its children.
@@ -51,10 +51,10 @@ class Tree:
 
     @staticmethod
     def from_pinocchio(model: pin.Model) -> Tree:
-        """Read the numbers of a model with a free-flyer root and revolute joints.
+        """Return the tree of a model with a free-flyer root and revolute joints.
 
         Raises:
-            ModelError: the first joint is no free flyer, or another is not revolute with one angle.
+            ModelError: the first joint is not a free flyer, or another joint is not revolute with one angle.
         """
         if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
             raise ModelError(
@@ -87,7 +87,7 @@ class Tree:
         return self.num_links + 5
 
     def path(self, link: int) -> list[int]:
-        """Return the links from ``link`` up to, and without, the base."""
+        """Return the links from ``link`` to the base, the base excluded."""
         links = []
         while link > 0:
             links.append(link)
@@ -97,7 +97,7 @@ class Tree:
 
 @dataclass(frozen=True, eq=False)
 class Inertials:
-    """What the links weigh: m, first moment h and second moment Σ of every link about its origin, as expressions."""
+    """Inertial parameters of the links as expressions: mass m, first moment h and second moment Σ about the origin."""
 
     mass: list[cs.SX]
     first: list[cs.SX]
@@ -130,13 +130,13 @@ def _axis(model: pin.Model, joint: int) -> Array:
     if np.any(subspace[:3]):
         raise ModelError(
             f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got a sliding "
-            f"joint, expected a revolute one; fix it in the URDF"
+            f"joint, expected a revolute one; replace or fix the joint in the URDF"
         )
     return _clean(subspace[3:])
 
 
 def _clean(numbers: Array) -> Array:
-    """Round away the noise of URDF angles, so that zeros stay zeros in expressions."""
+    """Round numbers that are almost 0, 1 or −1, so that expressions do not contain the rounding errors of the URDF."""
     numbers = np.array(numbers, dtype=float)
     for exact in (0.0, 1.0, -1.0):
         numbers[np.abs(numbers - exact) < 1e-14] = exact

@@ -1,4 +1,7 @@
-"""Warnings about keyframes that a robot cannot reach, hold or fly between; they do not stop a solve."""
+"""Warnings about keyframes that a robot cannot reach or hold, or that no ballistic flight joins.
+
+A warning does not stop a solve.
+"""
 
 from __future__ import annotations
 
@@ -19,27 +22,27 @@ from .stance import Stance
 Array = NDArray[np.float64]
 
 OFF_GROUND = 0.02
-"""How far above or below the ground a keyframe may hold a foot that stands [m]."""
+"""Largest distance of a standing foot from the ground in a keyframe without a warning [m]."""
 OFF_FLIGHT = 0.02
-"""How far from a ballistic flight a keyframe may hold the centre of mass [m]."""
+"""Largest distance of the centre of mass from a ballistic flight in a keyframe without a warning [m]."""
 
 _POSE = {name for name in SHORT_NAMES if name in ("position", "rpy", "joints")}
 _POSE |= {SHORT_NAMES[name].path for name in _POSE}
 
 
 @dataclass(frozen=True, eq=False)
-class Knot:
-    """A keyframe in its place.
+class PlacedKeyframe:
+    """A keyframe and its place in the motion.
 
     Args:
-        interval: the phase that it ends.
-        sample: the path there.
+        placed: the phase that ends at the keyframe.
+        sample: the path at the keyframe.
         stance: feet on the ground in the phase.
-        landing: feet that come to the ground in the next phase.
-        named: what the keyframe names.
+        landing: feet that touch down at the beginning of the next phase.
+        named: the names of the keyframe's entries.
     """
 
-    interval: PlacedPhase
+    placed: PlacedPhase
     sample: Sample
     stance: tuple[str, ...]
     landing: tuple[str, ...]
@@ -47,48 +50,48 @@ class Knot:
 
     @property
     def where(self) -> str:
-        """The keyframe's phase and place in the user's file."""
-        phase = self.interval.phase
+        """The keyframe's phase and its place in the user's file."""
+        phase = self.placed.phase
         return f"phase '{phase.name}' ({phase.source}), keyframe"
 
     @property
     def has_pose(self) -> bool:
-        """Whether the keyframe says anything of the posture, and the path knows all of it."""
+        """Whether the keyframe has an entry of the posture, and the path has all of the posture."""
         return bool(self.named & _POSE) and joints.position in self.sample
 
 
 def keyframe_warnings(robot: Robot, resolve: Callable[[Hashable], Stance], path: Path) -> list[ProblemWarning]:
-    """Return warnings about the keyframes of a motion; pieces that follow another reference have none.
+    """Return warnings about the keyframes of a motion; pieces with another reference have none.
 
     Args:
         robot: the robot.
-        resolve: turns a phase's mode into the feet on the ground.
+        resolve: function that returns the feet on the ground in a phase's mode.
         path: the motion's path.
     """
-    knots = list(_knots(resolve, path))
-    found: list[ProblemWarning] = []
-    for knot in knots:
-        if knot.has_pose:
-            found += _limits(robot, knot)
-            found += _feet(robot, knot)
-            found += _torques(robot, knot)
-    return found + list(_flights(robot, path, knots))
+    keyframes = list(_placed_keyframes(resolve, path))
+    warnings: list[ProblemWarning] = []
+    for keyframe in keyframes:
+        if keyframe.has_pose:
+            warnings += _limits(robot, keyframe)
+            warnings += _feet(robot, keyframe)
+            warnings += _torques(robot, keyframe)
+    return warnings + list(_flights(robot, path, keyframes))
 
 
-def _knots(resolve: Callable[[Hashable], Stance], path: Path) -> Iterator[Knot]:
-    """Yield every phase that has keyframes for a reference, of an endless motion those of one cycle."""
-    intervals = placed_phases(path.pieces)
+def _placed_keyframes(resolve: Callable[[Hashable], Stance], path: Path) -> Iterator[PlacedKeyframe]:
+    """Yield the keyframe of every phase whose reference is keyframes; of a cyclic motion those of one cycle."""
+    phases = placed_phases(path.pieces)
     count = sum(len(piece.phases) for piece in path.pieces)
-    laid = [next(intervals) for _ in range(count)]
-    for interval, following in zip(laid, [*laid[1:], None], strict=True):
-        if not isinstance(path.pieces[interval.piece].reference, Keyframes):
+    first = [next(phases) for _ in range(count)]
+    for placed, following in zip(first, [*first[1:], None], strict=True):
+        if not isinstance(path.pieces[placed.piece].reference, Keyframes):
             continue
-        feet = resolve(interval.phase.mode).feet
+        feet = resolve(placed.phase.mode).feet
         landing = set(resolve(following.phase.mode).feet) - set(feet) if following else set()
-        target = interval.phase.target
-        yield Knot(
-            interval,
-            path.sample(interval.end, interval),
+        target = placed.phase.target
+        yield PlacedKeyframe(
+            placed,
+            path.sample(placed.end, placed),
             feet,
             tuple(sorted(landing)),
             frozenset(target.values) if target else frozenset(),
@@ -98,59 +101,60 @@ def _knots(resolve: Callable[[Hashable], Stance], path: Path) -> Iterator[Knot]:
 # ---- one keyframe
 
 
-def _limits(robot: Robot, knot: Knot) -> Iterator[ProblemWarning]:
+def _limits(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
     """Yield joints that are beyond their limits."""
-    angles = knot.sample[joints.position]
+    angles = keyframe.sample[joints.position]
     beyond = np.flatnonzero((angles < robot.joint_lower - 1e-6) | (angles > robot.joint_upper + 1e-6))
-    if len(beyond) and knot.named & {"joints", joints.position.path}:
+    if len(beyond) and keyframe.named & {"joints", joints.position.path}:
         got = ", ".join(f"{robot.joint_names[i]} at {angles[i]:.3f} rad" for i in beyond)
         allowed = ", ".join(f"{robot.joint_lower[i]:.3f} to {robot.joint_upper[i]:.3f} rad" for i in beyond)
-        yield ProblemWarning(knot.where, f"joint beyond its limit - got {got}, expected {allowed}; bend it less")
+        what = f"joint beyond its limit - got {got}, expected {allowed}; change the angle"
+        yield ProblemWarning(keyframe.where, what)
 
 
-def _feet(robot: Robot, knot: Knot) -> Iterator[ProblemWarning]:
-    """Yield feet that stand or land but are held off the ground."""
+def _feet(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
+    """Yield feet that stand or land but are not on the ground."""
     data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, _configuration(robot, knot.sample)[0])
-    for names, what in ((knot.stance, "stance"), (knot.landing, "landing")):
+    pin.framesForwardKinematics(robot.model, data, _configuration(robot, keyframe.sample)[0])
+    for names, what in ((keyframe.stance, "stance"), (keyframe.landing, "landing")):
         frames = {name: robot.frame_id(robot.foot(name).frame) for name in names}
         heights = {name: float(data.oMf[i].translation[2]) - robot.foot_radius for name, i in frames.items()}
         off = {name: height for name, height in heights.items() if abs(height) > OFF_GROUND}
         if off:
             got = ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
             yield ProblemWarning(
-                knot.where,
-                f"{what} foot held off the ground - got {got}, expected within {OFF_GROUND} m; move the base or bend "
-                "the leg",
+                keyframe.where,
+                f"{what} foot is not on the ground - got {got}, expected within {OFF_GROUND} m; change the position of "
+                "the base or the joint angles",
             )
 
 
-def _torques(robot: Robot, knot: Knot) -> Iterator[ProblemWarning]:
-    """Yield joints that cannot hold the pose still, whatever the distribution of forces among the feet."""
-    if not knot.stance:
+def _torques(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
+    """Yield joints whose limit is too small to hold the pose at rest."""
+    if not keyframe.stance:
         return
-    torque = static_torques(robot, _configuration(robot, knot.sample)[0], knot.stance)
+    torque = static_torques(robot, _configuration(robot, keyframe.sample)[0], keyframe.stance)
     beyond = np.flatnonzero(np.abs(torque) > robot.torque_limit)
     if len(beyond):
         got = ", ".join(f"{robot.joint_names[i]} {abs(torque[i]):.1f} Nm" for i in beyond)
         allowed = ", ".join(f"{robot.torque_limit[i]:.1f} Nm" for i in beyond)
         yield ProblemWarning(
-            knot.where,
-            f"static torque beyond the limit - got {got} to hold still on {' '.join(knot.stance)}, expected at most "
+            keyframe.where,
+            f"static torque beyond the limit - got {got} at rest on {' '.join(keyframe.stance)}, expected at most "
             f"{allowed}; straighten the legs or put more feet on the ground",
         )
 
 
 def static_torques(robot: Robot, q: Array, feet: tuple[str, ...]) -> Array:
-    """Return joint torques that carry the robot at rest, (n,) [Nm].
+    """Return the joint torques that support the robot at rest, (n,) [Nm].
 
-    Forces balance exactly and moments as far as the feet allow; among the distributions over the feet the one with
-    the least torque relative to the limits is taken.
+    The contact forces balance the weight exactly, and its moments as far as the feet allow. Among such distributions of
+    forces the result has the smallest torques relative to the limits.
 
     Args:
         robot: the robot.
         q: pinocchio's configuration.
-        feet: names of the feet that carry.
+        feet: names of the feet on the ground.
     """
     data = robot.model.createData()
     weight = pin.computeGeneralizedGravity(robot.model, data, q)
@@ -165,69 +169,70 @@ def static_torques(robot: Robot, q: Array, feet: tuple[str, ...]) -> Array:
     force = np.linalg.lstsq(balance, scale * weight[:6], rcond=None)[0]
     _, sizes, directions = np.linalg.svd(balance)
     free = directions[int(np.sum(sizes > 1e-9 * sizes[0])) :].T
-    share = 1 / robot.torque_limit[:, None]  # zero for a joint without a limit
+    per_limit = 1 / robot.torque_limit[:, None]  # zero for a joint without a limit
     if free.size:
-        at_first = weight[6:] - J[:, 6:].T @ force
-        force = force + free @ np.linalg.lstsq(share * (J[:, 6:].T @ free), share[:, 0] * at_first, rcond=None)[0]
+        torque = weight[6:] - J[:, 6:].T @ force
+        change = np.linalg.lstsq(per_limit * (J[:, 6:].T @ free), per_limit[:, 0] * torque, rcond=None)[0]
+        force = force + free @ change
     return np.asarray(weight[6:] - J[:, 6:].T @ force)
 
 
 # ---- several keyframes
 
 
-def _flights(robot: Robot, path: Path, knots: list[Knot]) -> Iterator[ProblemWarning]:
-    """Yield keyframes that lie off the flight which the others of the same time in the air have left to choose.
+def _flights(robot: Robot, path: Path, keyframes: list[PlacedKeyframe]) -> Iterator[ProblemWarning]:
+    """Yield keyframes that are not on the ballistic flight through the others of the same flight.
 
-    Between two keyframes there is always a flight; a third, or a velocity that is given, leaves none to choose.
+    A ballistic flight joins any two keyframes. Three keyframes, or a keyframe and a given velocity, may contradict.
     """
-    airborne: list[Knot] = []
-    for i, knot in enumerate(knots):
-        following = knots[i + 1] if i + 1 < len(knots) else None
-        if knot.stance:
+    airborne: list[PlacedKeyframe] = []
+    for i, keyframe in enumerate(keyframes):
+        following = keyframes[i + 1] if i + 1 < len(keyframes) else None
+        if keyframe.stance:
             continue
-        airborne.append(knot)
-        if following is None or following.stance or following.interval.start != knot.interval.end:
+        airborne.append(keyframe)
+        if following is None or following.stance or following.placed.start != keyframe.placed.end:
             yield from _flight(robot, path, airborne)
             airborne = []
 
 
-def _flight(robot: Robot, path: Path, airborne: list[Knot]) -> Iterator[ProblemWarning]:
-    """Yield what is off one flight over consecutive phases without contact."""
-    first = airborne[0].interval
-    knots = [knot for knot in airborne if knot.named & _POSE]
-    began = path.sample(first.start, first)
+def _flight(robot: Robot, path: Path, airborne: list[PlacedKeyframe]) -> Iterator[ProblemWarning]:
+    """Yield the keyframe that is farthest from the ballistic flight of consecutive phases without contact."""
+    first = airborne[0].placed
+    keyframes = [keyframe for keyframe in airborne if keyframe.named & _POSE]
+    start = path.sample(first.start, first)
     gravity = robot.model.gravity.linear
-    times = np.array([0.0] + [knot.interval.end - first.start for knot in knots])
-    states = [_configuration(robot, sample) for sample in (began, *(knot.sample for knot in knots))]
-    # where each centre of mass would be without gravity: one straight line
+    times = np.array([0.0] + [keyframe.placed.end - first.start for keyframe in keyframes])
+    states = [_configuration(robot, sample) for sample in (start, *(keyframe.sample for keyframe in keyframes))]
+    # positions of the centre of mass without the effect of gravity: they are on a straight line
     places = np.array([_com(robot, *state)[0] for state in states]) - 0.5 * times[:, None] ** 2 * gravity
     given = [(0.0, places[0], velocity) for velocity in [_take_off(robot, path, first)] if velocity is not None]
-    for knot, t, place, state in zip(knots, times[1:], places[1:], states[1:], strict=True):
-        if knot.named & {"linear_velocity", base.linear_velocity.path}:
+    for keyframe, t, place, state in zip(keyframes, times[1:], places[1:], states[1:], strict=True):
+        if keyframe.named & {"linear_velocity", base.linear_velocity.path}:
             given.append((float(t), place, _com(robot, *state)[1] - t * gravity))
     if given:
         t0, place, velocity = given[0]
-    elif len(knots) > 1:
+    elif len(keyframes) > 1:
         t0, place, velocity = 0.0, places[0], (places[-1] - places[0]) / times[-1]
     else:
         return
     line = place + (times - t0)[:, None] * velocity
-    missed = places - line
-    worst = int(np.argmax(np.abs(missed[:, 2])))
-    if abs(missed[worst, 2]) > OFF_FLIGHT:
-        knot = knots[worst - 1] if worst else knots[0]
+    error = places - line
+    worst = int(np.argmax(np.abs(error[:, 2])))
+    if abs(error[worst, 2]) > OFF_FLIGHT:
+        keyframe = keyframes[worst - 1] if worst else keyframes[0]
         actual = places[worst, 2] + 0.5 * times[worst] ** 2 * gravity[2]
-        side = "high" if missed[worst, 2] > 0 else "low"
+        side = "high" if error[worst, 2] > 0 else "low"
         yield ProblemWarning(
-            knot.where,
+            keyframe.where,
             f"no ballistic flight joins the keyframes - got a height of {actual:.3f} m for the centre of mass after "
-            f"{times[worst]:.3f} s in the air, expected {actual - missed[worst, 2]:.3f} m: "
-            f"{abs(missed[worst, 2]):.3f} m too {side}; move the keyframe or change the durations",
+            f"{times[worst]:.3f} s in the air, expected {actual - error[worst, 2]:.3f} m: "
+            f"{abs(error[worst, 2]):.3f} m too {side}; move the keyframe or change the durations",
         )
 
 
 def _take_off(robot: Robot, path: Path, first: PlacedPhase) -> Array | None:
-    """Return the velocity of the centre of mass at the beginning of a flight if it is given, (3,) [m/s]."""
+    """Return the velocity of the centre of mass at the beginning of a flight, (3,) [m/s]; None if it is not given."""
     if first.start == 0.0:
         start = getattr(path.placed[0].reference, "start", {})
         return _com(robot, *_configuration(robot, start))[1] if base.linear_velocity in start else None
@@ -239,20 +244,20 @@ def _take_off(robot: Robot, path: Path, first: PlacedPhase) -> Array | None:
 
 
 def _configuration(robot: Robot, sample: Sample) -> tuple[Array, Array]:
-    """Return pinocchio's q and v of a sample; without joints the robot stands."""
-    resting = {
+    """Return pinocchio's q and v of a sample; missing joint angles are those of ``"stand"``, missing velocities 0."""
+    defaults = {
         joints.position: robot.pose("stand"),
         joints.velocity: np.zeros(robot.num_joints),
         base.linear_velocity: np.zeros(3),
         base.angular_velocity: np.zeros(3),
     }
     order = (base.position, base.orientation, joints.position, base.linear_velocity, base.angular_velocity)
-    full = {**resting, **sample}
+    full = {**defaults, **sample}
     return to_pinocchio(np.concatenate([np.asarray(full[quantity]) for quantity in (*order, joints.velocity)]))
 
 
 def _com(robot: Robot, q: Array, v: Array) -> tuple[Array, Array]:
-    """Return position [m] and velocity [m/s] of the centre of mass, (3,) each."""
+    """Return position [m] and velocity [m/s] of the centre of mass in world axes, (3,) each."""
     data = robot.model.createData()
     pin.centerOfMass(robot.model, data, q, v)
     return np.array(data.com[0]), np.array(data.vcom[0])

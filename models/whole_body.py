@@ -1,4 +1,4 @@
-"""The whole body: every link and joint, with contacts solved for together with the acceleration."""
+"""The whole-body model: every link and joint; accelerations and contact forces are solved for together."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ class WholeBody(NumericWholeBody):
         M a + n − Jᵀ S F          = B u
         S (J a + J̇ v + γ J v + d F) + (I − S) F = 0
 
-    where γ [1/s] (Baumgarte) draws a foot's velocity to zero and d is the compliance ``contact_damping``. Acceleration
-    and generalised force are in the state's layout: world linear, body angular, joints.
+    where γ [1/s] (Baumgarte) reduces a foot's velocity to zero and d is the compliance ``contact_damping``.
+    Acceleration and generalised force are in the state's layout: world linear, body angular, joints.
 
     Args:
         robot: the robot.
         baumgarte: γ [1/s].
         integrator: ``"euler"``: ``q ⊕ v dt``, ``v + a dt``; ``"semi_implicit"``: the same with the new v in q.
-        contact_damping: d [1/kg], for feet that rest on redundant points; None refuses such feet.
+        contact_damping: d [1/kg], needed if contact points are redundant; None for rigid contacts.
         name: name of the model; the robot's by default.
 
     Raises:
@@ -63,12 +63,12 @@ class WholeBody(NumericWholeBody):
             )
         if not (isinstance(baumgarte, int | float | np.floating) and 0 <= baumgarte < np.inf):
             raise ModelError(
-                f"whole body of '{robot.name}': baumgarte is no gain - got {baumgarte!r}, expected a finite number ≥ 0 "
-                "[1/s]; give one"
+                f"whole body of '{robot.name}': baumgarte is out of range - got {baumgarte!r}, expected a finite "
+                "number ≥ 0 [1/s]; change it"
             )
         if contact_damping is not None and not contact_damping > 0:
             raise ModelError(
-                f"whole body of '{robot.name}': contact_damping is no compliance - got {contact_damping}, expected a "
+                f"whole body of '{robot.name}': contact_damping is out of range - got {contact_damping}, expected a "
                 "positive number [1/kg]; leave it out for rigid contacts"
             )
         tree, nf = Tree.from_pinocchio(robot.model), len(robot.feet)
@@ -101,7 +101,7 @@ class WholeBody(NumericWholeBody):
 
     @property
     def nq(self) -> int:
-        """Number of stored position entries."""
+        """Number of stored positions; one more than ``nv``, because of the quaternion."""
         return self.tree.nv + 1
 
     @property
@@ -118,13 +118,13 @@ class WholeBody(NumericWholeBody):
         return self.nv + 3 * self.num_feet
 
     def definite_size(self, key: str) -> int:
-        """Return nv: the mass matrix."""
+        """Return nv, the size of the mass matrix, which is positive definite."""
         return self.nv
 
     # ---- expressions
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
-        """Return the contact dynamics of every contact set, see the class."""
+        """Return the contact dynamics, the same for every contact set; see the class."""
         nq, nv = self.nq, self.nv
         q, v, a = x[:nq], x[nq:], z[:nv]
         body, forces = inertials(p), [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
@@ -143,9 +143,9 @@ class WholeBody(NumericWholeBody):
         return Dynamics(cs.vertcat(effort, *rows), cs.vertcat(q_next, v_next), quantities, outputs=(feet.force,))
 
     def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
-        """Return the impact of the landing feet.
+        """Return the inelastic impact of the landing feet; the configuration does not change.
 
-        With flags L, z = (v⁺, Λ) solves, the configuration unchanged and nothing bouncing::
+        With 0/1 flags L of the landing feet, z = (v⁺, Λ) solves::
 
             M (v⁺ − v) − Jᵀ L Λ          = 0
             L (J v⁺ + d Λ) + (I − L) Λ   = 0
@@ -165,14 +165,14 @@ class WholeBody(NumericWholeBody):
         return Reset(cs.vertcat(effort, *rows), cs.vertcat(q, v_next))
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
-        """Return the heights of the feet, those that land marked."""
+        """Return the heights of the feet, with the landing feet as mask."""
         height = quantities.bind(feet.height)
         return Bound(height.quantity, height.value, height.labels, mask=p["landing"])
 
     def _makers(
         self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]
     ) -> dict[str, Callable[[], Bound]]:
-        """Return how to bind each quantity."""
+        """Return the functions that make the quantities."""
         on_each = cs.vertcat(*(cs.repmat(p["contact"][i], 3, 1) for i in range(self.num_feet)))
         makers = bind_motion(self.robot, self._points, motion, x, p, Flat(p["terrain"]))
         makers.supply(joints.acceleration, self.robot.joint_names, lambda: motion.a[6:])
@@ -181,7 +181,7 @@ class WholeBody(NumericWholeBody):
         return makers
 
     def _refuse_redundant_contacts(self) -> None:
-        """Raise if some feet can never be held independently, whatever the posture."""
+        """Raise ModelError if the contact points of some feet are redundant in every posture."""
         rng = np.random.default_rng(0)
         stand = self.robot.pose("stand")
         postures = [self.state(joints=stand + 0.3 * rng.standard_normal(len(stand))) for _ in range(3)]
@@ -199,5 +199,5 @@ class WholeBody(NumericWholeBody):
             raise ModelError(
                 f"whole body of '{self.robot.name}': redundant contact points - got {', '.join(redundant)} beside "
                 f"{independent}, expected points that can be held independently; remove some, or set contact_damping "
-                "(1e-6 / kg, say)"
+                "(for example 1e-6 / kg)"
             )

@@ -1,4 +1,4 @@
-"""Gaits: cyclic motions in the roles of feet, with references that follow a command."""
+"""Gaits: cyclic motions that name feet by their roles, with a reference that follows a velocity command."""
 
 from .patterns import bound as bound
 from .patterns import flying_pace as flying_pace

@@ -1,6 +1,6 @@
-"""Gaits by name, and :func:`gait` for one's own: cyclic motions written in the roles of feet.
+"""Named gaits, and :func:`gait` for a gait of your own: cyclic motions that name feet by their roles.
 
-Timings are those published with CAFE-MPC; each gait begins with a short stand on all feet.
+The durations are those published with CAFE-MPC. Each gait begins with a short stance on all feet.
 """
 
 from __future__ import annotations
@@ -16,24 +16,27 @@ from .reference import GaitReference
 _ALL = "all"
 
 
-def gait(*beats: tuple[str, str | tuple[str, ...], float], intro: float = 0.05, **command: Any) -> ocp.Motion:
-    """Return a cyclic motion from its beats.
+def gait(*phases: tuple[str, str | tuple[str, ...], float], intro: float = 0.05, **command: Any) -> ocp.Motion:
+    """Return a cyclic motion with a gait reference.
 
     Args:
-        *beats: name, roles of the feet on the ground, and duration [s] of each phase of the cycle. Roles are
-            ``"front"``, ``"front left"`` (both at once), ``"all"``, a tuple of such, or ``()`` for flight.
-        intro: length of a stand on all feet before the first cycle [s]; 0 for none.
+        *phases: name, roles of the feet on the ground, and duration [s] of each phase of the cycle. Roles are
+            ``"front"``, ``"front left"`` (feet that have both), ``"all"``, a tuple of these, or ``()`` for flight.
+        intro: duration of a stance on all feet before the first cycle [s]; 0 for none.
         **command: ``speed``, ``yaw_rate``, … of :class:`GaitReference`.
+
+    Raises:
+        ProblemError: there is no phase, or a number of the command is out of range.
     """
-    if not beats:
-        raise ProblemError("gait: no beats - got none, expected at least one (name, roles, duration); add it")
-    phases = [ocp.Phase(name, stance(roles=roles), duration) for name, roles, duration in beats]
+    if not phases:
+        raise ProblemError("gait: no phases - got none, expected at least one (name, roles, duration); add it")
+    cycle = [ocp.Phase(name, stance(roles=roles), duration) for name, roles, duration in phases]
     once = (ocp.Phase("stand", stance(roles=_ALL), intro),) if intro > 0 else ()
-    return ocp.Motion(*phases, cyclic=True, once=once, reference=GaitReference(**command))
+    return ocp.Motion(*cycle, cyclic=True, once=once, reference=GaitReference(**command))
 
 
 def trot(speed: float = 0.5, *, stance_time: float = 0.25, **options: Any) -> ocp.Motion:
-    """Return a walking trot: diagonal pairs in turn. Options as in :func:`gait`."""
+    """Return a walking trot: the two diagonal pairs alternate. Options as in :func:`gait`."""
     return gait(
         ("left_diagonal", ("front left", "hind right"), stance_time),
         ("right_diagonal", ("front right", "hind left"), stance_time),
@@ -64,7 +67,7 @@ def pace(speed: float = 0.5, *, stance_time: float = 0.25, **options: Any) -> oc
 def flying_pace(
     speed: float = 0.5, *, stance_time: float = 0.15, flight_time: float = 0.10, **options: Any
 ) -> ocp.Motion:
-    """Return a pace with flight between the sides. Options as in :func:`gait`."""
+    """Return a pace with flight between the stances. Options as in :func:`gait`."""
     return gait(
         ("right", "right", stance_time),
         ("flight", (), flight_time),

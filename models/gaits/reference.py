@@ -1,4 +1,4 @@
-"""The heuristic reference of a gait: a base that follows a command, Raibert footholds, swings, and joints that fit."""
+"""The heuristic reference of a gait: base motion from a command, Raibert footholds, swings, joint angles."""
 
 from __future__ import annotations
 
@@ -14,41 +14,40 @@ from piaffe.ocp import BoundReference, ModelBase, Piece, PlanarFrame, Quantity, 
 
 from ..legged import LeggedModel
 from ..quantities import base, feet, joints
-from .course import Course, ease, turn_by
-from .footsteps import Footsteps, Timetable
+from .base_path import BasePath, ease, turn_by
+from .footsteps import ContactSchedule, Footsteps
 
 Array = NDArray[np.float64]
 
-# A foothold lies within this box about the place below its hip, as fractions of the leg's reach, and within this
-# fraction of the reach as the crow flies.
+# A foothold is within this box about the place below its hip, in fractions of the leg's reach (forward, sideways), and
+# its straight distance from the hip is at most this fraction of the reach.
 _BOX = (0.5, 0.25)
 _STRETCH = 0.95
-_MISS = 0.01  # a foot may miss its reference by this fraction of the leg's reach before the gait is refused
-_AHEAD, _STEP = 50, 0.01  # samples made at once, for the times that are asked for next [s]
-_KEEP = 5000  # samples kept
+_MISS = 0.01  # largest error of a foot's inverse kinematics, as a fraction of the leg's reach; above it, an error
+_AHEAD, _STEP = 50, 0.01  # number of samples that are made in one batch, and the time between them [s]
+_KEEP = 5000  # number of samples that are kept
 
 
 @dataclass(frozen=True, kw_only=True)
 class GaitReference(Reference):
-    """Targets of a gait, written in commands; it begins where the motion is, and ramps.
+    """Targets of a gait from a velocity command; the gait begins at the state where the motion is, and ramps.
 
-    The foothold of a stance of length T that begins at t is the place below the hip at mid-stance, which is
-    Raibert's ``v T / 2`` with the turning of the base included, less what balances the base's acceleration a and error
-    in velocity [Raibert 1986]::
+    For a stance with touchdown t and duration T, the foothold is the place below the hip at mid-stance. This is
+    Raibert's ``v T / 2``, with the yaw motion of the base included. Two terms correct it, for the base's acceleration a
+    and for the error of its velocity [Raibert 1986]::
 
         p = hip(t + T/2) − (h/g) a + k (v − v_ref)
 
-    clamped to a box about the hip at touchdown that the leg can reach. Heights of base and feet are also targets of
-    ``base.height`` and ``feet.height``, and roll and pitch of ``base.ground_normal``, above whatever terrain a model
-    stands on.
+    The foothold is clamped to a box about the hip at touchdown that the leg can reach. ``base.height``,
+    ``feet.height`` and ``base.ground_normal`` have targets, too: these are relative to the terrain of the model.
 
     Args:
         speed: forward velocity after the ramp [m/s].
         lateral_speed: velocity to the left after the ramp [m/s].
-        yaw_rate: [rad/s].
-        height: of the base above the ground [m]; None for that of the robot's ``"stand"`` pose.
-        ramp: time in which velocity, height, roll and pitch go from where they start to the command [s].
-        swing_height: how far swinging feet rise [m]; None for 0.15 of the leg's reach.
+        yaw_rate: yaw rate after the ramp [rad/s].
+        height: of the base above the ground [m]; None for the height of the robot's ``"stand"`` pose.
+        ramp: time in which velocity, height, roll and pitch change from their initial values to the command [s].
+        swing_height: height of the swing [m]; None for 0.15 of the leg's reach.
         velocity_gain: k [s]; None for √(h/g).
         terrain: height of the ground [m].
     """
@@ -70,7 +69,7 @@ class GaitReference(Reference):
         self._require("swing_height", self.swing_height is None or 0 <= self.swing_height < np.inf, "metres ≥ 0")
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundGait:
-        """Place the gait at the start's base, and its first steps at the start's feet."""
+        """Return the gait with its path beginning at the base of ``start``, and its first footholds at its feet."""
         if not isinstance(model, LeggedModel):
             raise ModelError(
                 f"gait: model '{model.name}' has no feet - got {type(model).__name__}, expected a model of a legged "
@@ -89,13 +88,13 @@ class BoundGait(BoundReference):
     """A gait placed in the world.
 
     Args:
-        gait: its commands.
+        gait: its command.
         model: the model of the robot.
-        piece: its phases.
-        start: targets at its start.
+        piece: the phases of the gait.
+        start: base and joints at its start.
 
     Raises:
-        ProblemError: at the commanded speed feet are out of reach.
+        ProblemError: at the commanded speed the reference of a foot is out of reach.
     """
 
     def __init__(self, gait: GaitReference, model: LeggedModel, piece: Piece, start: Sample) -> None:
@@ -107,13 +106,14 @@ class BoundGait(BoundReference):
         self._home = self.kinematics.feet(self.robot.pose("stand"))
         self._anchor, self._error = np.inf, np.zeros(2)
         self._begin(start)
-        table = Timetable(*(tuple((p.duration, model.flags(p.mode)) for p in run) for run in (piece.once, piece.cycle)))
+        once, cycle = (tuple((p.duration, model.flags(p.mode)) for p in phases) for phases in (piece.once, piece.cycle))
+        schedule = ContactSchedule(once, cycle)
         swing = gait.swing_height if gait.swing_height is not None else 0.15 * float(self.kinematics.reach.min())
         ground = gait.terrain + self.robot.foot_radius
-        self.footsteps = Footsteps(table, self._first_feet(start), ground, swing, self._footholds)
-        self._weight = self._weight_while_standing(table)
+        self.footsteps = Footsteps(schedule, self._first_feet(start), ground, swing, self._footholds)
+        self._weight = self._mean_force(schedule)
         self._kept: dict[float, dict[Quantity, Array]] = {}
-        self._check_reach(table)
+        self._check_reach(schedule)
 
     def sample(self, t: float, phase: int) -> Sample:
         """Return the targets of base, joints and feet."""
@@ -128,14 +128,14 @@ class BoundGait(BoundReference):
         return {**self._kept[key], feet.force: self._force(phase)}
 
     def _force(self, phase: int) -> Array:
-        """Return forces of the feet that stand in a phase, which share the weight, (3 nf,) [N]."""
-        flags = self.footsteps.timetable.flags(phase)
+        """Return the contact forces in a phase, (3 nf,) [N]: the feet on the ground share the weight equally."""
+        flags = self.footsteps.schedule.flags(phase)
         force = np.zeros((len(flags), 3))
         force[:, 2] = flags * self._weight / max(flags.sum(), 1.0)
         return force.ravel()
 
     def samples(self, t: Array) -> dict[Quantity, Array]:
-        """Return the targets at times (S,) [s], all but the forces, each (S, ...)."""
+        """Return all targets but the forces at times (S,) [s], each (S, ...)."""
         position, rpy, velocity, rates = self._base(t)
         orientation, omega = rotation.np_from_rpy(rpy), rotation.np_body_rate(rpy, rates)
         place, swing = self.footsteps.at(t)
@@ -160,25 +160,25 @@ class BoundGait(BoundReference):
         }
 
     def anchored(self, t: float, actual: Sample) -> BoundGait:
-        """Return the gait carried to where the robot really is at time t [s], for a controller that plans anew.
+        """Return the gait moved to the measured state of the robot, for a controller that plans again at time t.
 
-        The course of the base begins at the actual place and heading. Feet on the ground stay where they are; the next
-        foothold of every foot makes up for the error in velocity.
+        The path of the base goes through the measured position and heading. Feet on the ground stay where they are. The
+        next foothold of every foot corrects the error in velocity.
 
         Args:
-            t: local time of the actual sample [s].
-            actual: base position, orientation and linear velocity, and the feet's positions if known.
+            t: local time of the measured sample [s].
+            actual: base position, orientation and linear velocity, and the positions of the feet if known.
         """
         now = np.array([t])
         place = np.asarray(actual[base.position])
-        meant, yaw = self.course.position(now)[0], float(self.course.yaw(now)[0])
+        wanted, yaw = self.path.position(now)[0], float(self.path.yaw(now)[0])
         turn = float(rotation.np_to_rpy(np.asarray(actual[base.orientation]))[2]) - yaw
         turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
-        origin = place[:2] + turn_by(np.array(turn), np.array(self.course.origin[:2]) - meant)
+        origin = place[:2] + turn_by(np.array(turn), np.array(self.path.origin[:2]) - wanted)
         moved = copy(self)
-        moved.course = replace(self.course, origin=(float(origin[0]), float(origin[1]), self.course.origin[2] + turn))
+        moved.path = replace(self.path, origin=(float(origin[0]), float(origin[1]), self.path.origin[2] + turn))
         velocity = np.asarray(actual.get(base.linear_velocity, np.zeros(3)))[:2]
-        moved._anchor, moved._error = t, velocity - moved.course.velocity(now)[0]
+        moved._anchor, moved._error = t, velocity - moved.path.velocity(now)[0]
         where = np.asarray(actual[feet.position]).reshape(-1, 3) if feet.position in actual else None
         moved.footsteps = self.footsteps.held(t, where, moved._footholds)
         moved._kept = {}
@@ -192,18 +192,18 @@ class BoundGait(BoundReference):
         turning = np.asarray(start.get(base.angular_velocity, np.zeros(3)))
         first = np.array([*turn_by(-rpy[2], moving[:2]), turning[2]])
         last = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate])
-        self.course = Course((float(position[0]), float(position[1]), float(rpy[2])), first, last, self.gait.ramp)
+        self.path = BasePath((float(position[0]), float(position[1]), float(rpy[2])), first, last, self.gait.ramp)
         self._posture = np.array([position[2], rpy[0], rpy[1]])
 
     def _base(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return position, roll-pitch-yaw, linear velocity and rates of roll-pitch-yaw, (S, 3) each."""
         upright = np.array([self.gait.terrain + self._height, 0.0, 0.0])
         posture, rates = ease(t, self.gait.ramp, self._posture, upright)
-        yaw, turning = self.course.yaw(t), self.course.command(t)[:, 2]
+        yaw, turning = self.path.yaw(t), self.path.command(t)[:, 2]
         return (
-            np.column_stack([self.course.position(t), posture[:, 0]]),
+            np.column_stack([self.path.position(t), posture[:, 0]]),
             np.column_stack([posture[:, 1:], yaw]),
-            np.column_stack([self.course.velocity(t), rates[:, 0]]),
+            np.column_stack([self.path.velocity(t), rates[:, 0]]),
             np.column_stack([rates[:, 1:], turning]),
         )
 
@@ -216,42 +216,42 @@ class BoundGait(BoundReference):
         return self.kinematics.world_feet(np.asarray(start[base.position]), np.asarray(start[base.orientation]), angles)
 
     def _footholds(self, foot: int, touchdown: Array, length: Array) -> Array:
-        """Return where a foot stands in stances, (k, 2) [m]; see :class:`GaitReference`."""
+        """Return the footholds of a foot's stances, (k, 2) [m]; see :class:`GaitReference`."""
         home = self._home[foot, :2]
         lever = self._height / self._gravity
         gain = self.gait.velocity_gain if self.gait.velocity_gain is not None else np.sqrt(lever)
         middle = touchdown + length / 2
-        balance = home - lever * self.course.acceleration(middle)
-        place = self.course.position(middle) + turn_by(self.course.yaw(middle), balance)
+        balance = home - lever * self.path.acceleration(middle)
+        place = self.path.position(middle) + turn_by(self.path.yaw(middle), balance)
         corrected = np.flatnonzero(touchdown > self._anchor)[:1]
         place[corrected] += gain * self._error
-        hip, yaw = self.course.position(touchdown), self.course.yaw(touchdown)
+        hip, yaw = self.path.position(touchdown), self.path.yaw(touchdown)
         offset = turn_by(-yaw, place - hip) - home
         reach = self.kinematics.reach[foot]
         room = np.sqrt(max((_STRETCH * reach) ** 2 - self._height**2, 0.0))
         box = np.minimum(np.array(_BOX) * reach, room)
         return np.asarray(hip + turn_by(yaw, home + np.clip(offset, -box, box)))
 
-    def _weight_while_standing(self, table: Timetable) -> float:
-        """Return the force of all feet together that carries the robot's weight on average over a cycle [N]."""
-        run = table.cycle or table.once
-        standing = sum(duration for duration, flags in run if flags.any())
-        whole = sum(duration for duration, _ in run)
+    def _mean_force(self, schedule: ContactSchedule) -> float:
+        """Return the sum of the contact forces, while there are any, whose mean over a cycle is the weight [N]."""
+        phases = schedule.cycle or schedule.once
+        standing = sum(duration for duration, flags in phases if flags.any())
+        whole = sum(duration for duration, _ in phases)
         return float(self.robot.mass * self._gravity * (whole / standing if standing else 0.0))
 
-    def _check_reach(self, table: Timetable) -> None:
-        """Raise if feet cannot follow their reference once the command is reached."""
-        settled = self.gait.ramp + sum(duration for duration, _ in table.once) + table.period
-        t = settled + np.arange(0.0, max(table.period, _STEP), _STEP)
+    def _check_reach(self, schedule: ContactSchedule) -> None:
+        """Raise ProblemError if the feet cannot follow their reference after the ramp."""
+        settled = self.gait.ramp + sum(duration for duration, _ in schedule.once) + schedule.period
+        t = settled + np.arange(0.0, max(schedule.period, _STEP), _STEP)
         position, rpy, _, _ = self._base(t)
         place, _ = self.footsteps.at(t)
-        enough = 0.1 * _MISS * float(self.kinematics.reach.min())
-        _, miss = self.kinematics.world_inverse(position, rotation.np_from_rpy(rpy), place, tolerance=enough)
-        foot = int(np.argmax(miss.max(axis=0)))
-        if miss[:, foot].max() > _MISS * self.kinematics.reach[foot]:
+        tolerance = 0.1 * _MISS * float(self.kinematics.reach.min())
+        _, error = self.kinematics.world_inverse(position, rotation.np_from_rpy(rpy), place, tolerance=tolerance)
+        foot = int(np.argmax(error.max(axis=0)))
+        if error[:, foot].max() > _MISS * self.kinematics.reach[foot]:
             raise ProblemError(
                 f"gait of robot '{self.robot.name}', foot '{self.robot.feet[foot].name}': its reference is out of "
-                f"reach - got {miss[:, foot].max():.3f} m too far at speed {self.gait.speed} m/s, base height "
+                f"reach - got {error[:, foot].max():.3f} m too far at speed {self.gait.speed} m/s, base height "
                 f"{self._height:.3f} m, expected a foot within reach of its leg; lower the speed, the height or the "
                 "stance time"
             )

@@ -1,4 +1,4 @@
-"""Robots in MuJoCo: scenes, and MuJoCo as a model of the schedule."""
+"""Robots in MuJoCo: scenes, and MuJoCo as a model of a problem's schedule."""
 
 from .action import BoundAction as BoundAction
 from .action import joint_targets as joint_targets

@@ -1,4 +1,4 @@
-"""Actions: what a controller of a simulated robot sets - joint targets that a PD law follows, or torques."""
+"""Actions: the control inputs of a simulated robot, which are joint targets of a PD law, or torques."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from ..robot import Robot
 
 Array = NDArray[np.float64]
 
-STRETCH = 0.675
-"""How far from its target a joint is when the default stiffness takes all of its torque [rad]."""
-SETTLING = 0.05
-"""The default damping over the stiffness [s]."""
+ERROR_AT_LIMIT = 0.675
+"""Angle error at which the default stiffness commands the torque limit [rad]."""
+DAMPING_TIME = 0.05
+"""Ratio of the default damping to the stiffness [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class BoundAction:
-    """An action of one robot; n are its joints, and its controls.
+    """The action of one robot with n joints; it has n controls.
 
     Args:
-        quantity: what a control is, ``joints.target`` or ``joints.torque``.
-        centre: middle of the range that controls are taken from, (n,) [rad] or [Nm].
-        half_range: half of that range, (n,).
+        quantity: the quantity that the controls are, ``joints.target`` or ``joints.torque``.
+        centre: middle of the range of the controls, (n,) [rad] or [Nm].
+        half_range: half of the range, (n,).
         kp: stiffness, (n,) [Nm/rad]; zero if controls are torques.
         kd: damping, (n,) [Nm s/rad].
     """
@@ -55,7 +55,7 @@ class BoundAction:
         return self.centre + self.half_range
 
     def torque(self, u: Any, q: Any, v: Any) -> Any:
-        """Return the torque that is commanded, before limits, kp (u − q) − kd v or u itself [Nm].
+        """Return the commanded torque before limits, kp (u − q) − kd v for joint targets and u for torques [Nm].
 
         Args:
             u: control, CasADi (n, 1) or NumPy (..., n).
@@ -65,7 +65,7 @@ class BoundAction:
         return self.kp * (u - q) - self.kd * v if self.quantity == joints.target else u
 
     def add_to(self, spec: Any, robot: Robot) -> None:
-        """Add an actuator per joint, in state order, whose control is the action's and whose force is limited."""
+        """Add an actuator for each joint, in state order; its control is the action's, its force is limited."""
         mujoco = import_mujoco()
         for i, (name, limit) in enumerate(zip(robot.joint_names, robot.torque_limit, strict=True)):
             motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
@@ -80,16 +80,20 @@ class BoundAction:
 
 
 class Action(ABC):
-    """What a controller sets, before it is known for which robot."""
+    """A declared action; :meth:`bind` makes it the action of one robot."""
 
     @abstractmethod
     def bind(self, robot: Robot) -> BoundAction:
-        """Return the action of a robot; raise ModelError where a number makes no sense for it."""
+        """Return the action of a robot.
+
+        Raises:
+            ModelError: a number is missing, or out of range.
+        """
 
 
 @dataclass(frozen=True, eq=False)
 class JointTargets(Action):
-    """Joint angles for a PD law; made by :func:`joint_targets`."""
+    """Target angles of a PD law; made by :func:`joint_targets`."""
 
     kp: Any
     kd: Any
@@ -98,16 +102,16 @@ class JointTargets(Action):
 
     def bind(self, robot: Robot) -> BoundAction:
         """Return the action of a robot."""
-        wanted = robot.torque_limit / STRETCH if self.kp is None else self.kp
+        wanted = robot.torque_limit / ERROR_AT_LIMIT if self.kp is None else self.kp
         kp = per_joint(robot, "joint_targets, kp", wanted)
-        kd = per_joint(robot, "joint_targets, kd", SETTLING * kp if self.kd is None else self.kd)
+        kd = per_joint(robot, "joint_targets, kd", DAMPING_TIME * kp if self.kd is None else self.kd)
         half = per_joint(robot, "joint_targets, half_range", self.half_range)
         return BoundAction(joints.target, robot.pose(self.centre), half, kp, kd)
 
 
 @dataclass(frozen=True, eq=False)
 class Torques(Action):
-    """Joint torques, held for a simulator's step; made by :func:`torques`."""
+    """Joint torques, constant for a step of the simulator; made by :func:`torques`."""
 
     half_range: Any
 
@@ -120,22 +124,22 @@ class Torques(Action):
 
 
 def joint_targets(kp: Any = None, kd: Any = None, *, centre: object = "stand", half_range: Any = 0.4) -> JointTargets:
-    """Return the action of setting joint angles, which a PD law follows at every step of the simulator.
+    """Return an action whose controls are target angles of a PD law, evaluated at every step of the simulator.
 
-    The torque is kp (target − q) − kd q̇, within the robot's limits. Numbers are one for all joints, one per joint, or
-    a mapping from labels, ``{"HAA": 0.3, "HFE": 0.4}``, that names every joint.
+    The torque is kp (target − q) − kd q̇, within the robot's limits. Each argument is one number for all joints, one
+    number per joint, or a mapping from labels, ``{"HAA": 0.3, "HFE": 0.4}``, that names every joint.
 
     Args:
-        kp: stiffness; by default the torque limit over 0.675 rad, which is 4 for Solo12 [Nm/rad].
+        kp: stiffness; by default the torque limit divided by 0.675 rad, which is 4 for Solo12 [Nm/rad].
         kd: damping; by default 0.05 s times the stiffness [Nm s/rad].
-        centre: middle of the targets' range: a pose's name, n numbers or a mapping from labels [rad].
-        half_range: half of it [rad]; samplers draw targets within the range.
+        centre: middle of the range of the targets: a pose's name, n numbers or a mapping from labels [rad].
+        half_range: half of the range [rad]; samplers draw targets within it.
     """
     return JointTargets(kp, kd, centre, half_range)
 
 
 def torques(half_range: Any = None) -> Torques:
-    """Return the action of setting joint torques.
+    """Return an action whose controls are joint torques.
 
     Args:
         half_range: samplers draw torques within ± this; numbers as for :func:`joint_targets` [Nm]. By default the
@@ -162,6 +166,6 @@ def per_joint(robot: Robot, where: str, value: Any) -> Array:
             raise ModelError(
                 f"{where} of '{robot.name}': no number for joint '{name}' - got {value!r}, expected one number, "
                 f"{robot.num_joints} numbers or a mapping from labels that names every joint, each finite and ≥ 0; "
-                "fix it"
+                "give them"
             )
     return numbers

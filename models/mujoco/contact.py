@@ -1,4 +1,4 @@
-"""How MuJoCo solves for contacts: stiffness, friction cone, solver and integrator of a simulated robot."""
+"""MuJoCo's contact options of a simulated robot: stiffness, friction cone, solver and integrator."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ Integrator = Literal["euler", "implicitfast"]
 
 @dataclass(frozen=True, kw_only=True)
 class SoftContact:
-    """Options of MuJoCo's contacts; the default is for planners, which simulate thousands of steps per decision.
+    """Options of MuJoCo's contacts. The defaults are for planners, which simulate thousands of steps per plan.
 
     Args:
-        solref: time constant [s] and damping ratio of a contact; MuJoCo raises the first to two time steps.
-        solimp: impedance of a contact: at the surface, deep below it, over which depth [m], midpoint and power.
-        stick: how much harder friction is than the normal force (MuJoCo's ``impratio``); soft friction creeps.
-        cone: friction cone, its pyramid or the exact one.
-        solver: of the contact forces.
-        iterations: of the solver at most.
-        line_search: iterations of Newton's line search at most.
-        integrator: ``"euler"`` applies a PD law's torque exactly as written; ``"implicitfast"`` takes its damping, and
-            that of the joints, at the end of the step.
-        warm_start: begin from the forces of the step before.
+        solref: time constant [s] and damping ratio of a contact; MuJoCo uses at least two time steps for the first.
+        solimp: impedance of a contact: at the surface, at full depth, this depth [m], midpoint and power.
+        stick: ratio of friction impedance to normal impedance (MuJoCo's ``impratio``); feet slide slowly if it is
+            small.
+        cone: ``"pyramidal"`` or ``"elliptic"`` friction cone.
+        solver: solver of the contact forces.
+        iterations: largest number of iterations of the solver.
+        line_search: largest number of iterations of Newton's line search.
+        integrator: ``"euler"`` evaluates the PD law at the beginning of a step; ``"implicitfast"`` evaluates its
+            damping, and that of the joints, at the end of the step.
+        warm_start: begin with the forces of the previous step.
     """
 
     solref: tuple[float, float] = (0.02, 1.0)
@@ -51,16 +52,18 @@ class SoftContact:
                 raise ModelError(f"contact: {name} is unknown - got {value!r}, expected one of {known}; choose one")
         for name, count in (("iterations", self.iterations), ("line_search", self.line_search)):
             if not (isinstance(count, int) and count >= 1):
-                raise ModelError(f"contact: {name} is no count - got {count!r}, expected a whole number ≥ 1; fix it")
+                raise ModelError(
+                    f"contact: {name} is out of range - got {count!r}, expected a whole number ≥ 1; change it"
+                )
 
     @staticmethod
     def accurate(**changes: Any) -> SoftContact:
-        """Return options that solve each step to convergence, for a plant."""
+        """Return options that solve the contacts of each step to convergence, for a plant."""
         converged = {"stick": 10.0, "solver": "newton", "iterations": 100, "line_search": 50}
         return SoftContact(**{**converged, "integrator": "implicitfast", **changes})
 
     def apply_to(self, spec: Any) -> None:
-        """Set the options of a ``mujoco.MjSpec``; what no scene of a robot has is switched off."""
+        """Set the options of a ``mujoco.MjSpec``; features that scenes of robots do not use are disabled."""
         mujoco = import_mujoco()
         option, off = spec.option, mujoco.mjtDisableBit
         option.cone = getattr(mujoco.mjtCone, f"mjCONE_{self.cone.upper()}")
@@ -77,7 +80,7 @@ class SoftContact:
             option.disableflags |= int(flag)
 
     def surface(self, friction: float) -> dict[str, Any]:
-        """Return what the geoms of the robot say of their contacts."""
+        """Return the contact options of the robot's geoms."""
         return {
             "priority": 1,
             "condim": 3,
@@ -87,11 +90,11 @@ class SoftContact:
         }
 
 
-def pair_up(spec: Any) -> None:
-    """Declare the contacts of a scene of a robot one by one, between the world's geoms and the robot's.
+def declare_pairs(spec: Any) -> None:
+    """Declare the contact pairs of a scene explicitly: each geom of the world with each geom of the robot.
 
-    MuJoCo then searches for no others, which makes up a thirtieth of a step. The contacts are those that the geoms' own
-    bits and options make.
+    Then MuJoCo does not search for pairs, which takes a thirtieth of a step. The contacts are the same as those of the
+    geoms' own ``contype``, ``conaffinity`` and options.
     """
     grounds = [geom for geom in spec.worldbody.geoms if geom.contype]
     touching = [geom for geom in spec.geoms if geom.conaffinity]

@@ -1,4 +1,4 @@
-"""The hull of a robot in a MuJoCo scene: base and knees that touch the ground, so that a fallen one does not sink."""
+"""Collision geoms of base and knees in a MuJoCo scene, so that a fallen robot does not sink into the ground."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from ..mujoco_import import import_mujoco
 from ..robot import ROOT, Robot
 from .look import scale
 
-HULL_GROUP = 4  # a viewer shows groups 0 to 2 unless told otherwise
-_THIN = 0.7  # a knee's radius over the foot's
+HULL_GROUP = 4  # by default a viewer shows groups 0 to 2
+_THIN = 0.7  # ratio of a knee's radius to a foot's
 
 
 def add_hull(robot: Robot, bodies: Mapping[int, Any], surface: Mapping[str, Any]) -> None:
-    """Add a box between the first joints of the legs, and a ball at each knee: joints that a link's length is above.
+    """Add a box between the first joints of the legs, and a ball at each knee.
 
-    Balls take three in a hundred of a step; capsules along the links would touch nothing either and take far more.
+    A knee is a joint of a leg whose distance from its parent joint exceeds two diameters of the ball. The balls take
+    3 % of the time of a step. Capsules along the links would make no other contacts, and would take much more time.
 
     Args:
         robot: the robot.
         bodies: the bodies of a ``mujoco.MjSpec`` by the index of their joint in the pinocchio model.
-        surface: options of the geoms.
+        surface: contact options of the geoms.
     """
     types, look = import_mujoco().mjtGeom, {"group": HULL_GROUP, "contype": 0, "conaffinity": 1, **surface}
     thick = max(_THIN * robot.foot_radius, 0.01 * scale(robot))

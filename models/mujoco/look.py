@@ -1,4 +1,4 @@
-"""How a MuJoCo scene of a robot looks: its shapes, the floor, sky, lights and a camera that follows it."""
+"""Visual elements of a MuJoCo scene: shapes of the robot, floor, sky, lights, and a camera that follows the robot."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def quaternion(rotation: Array) -> Array:
     return np.array([w, x, y, z])
 
 
-def draw(spec: Any, bodies: dict[int, Any], robot: Robot, *, meshes: bool, collide: bool) -> None:
-    """Add what is seen of the robot: the URDF's visual shapes, else its collision shapes, else capsules."""
+def add_shapes(spec: Any, bodies: dict[int, Any], robot: Robot, *, meshes: bool, collide: bool) -> None:
+    """Add the robot's visual shapes from its URDF; without them its collision shapes; without these capsules."""
     mujoco = import_mujoco()
     mark = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 1 if collide else 0}
     shapes = next((s for s in (_shapes(robot.visual, meshes), _shapes(robot.collision, meshes)) if s), [])
@@ -39,21 +39,21 @@ def draw(spec: Any, bodies: dict[int, Any], robot: Robot, *, meshes: bool, colli
 
 
 def _shapes(geometry: pinocchio.GeometryModel | None, meshes: bool) -> list[Any]:
-    """Return the shapes of a geometry, or none of them if some cannot be drawn."""
+    """Return the shapes of a geometry; an empty list if some of them cannot be drawn."""
     items = [] if geometry is None else list(geometry.geometryObjects)
     drawable = all(_mesh_is_whole(item.geometry) if _is_mesh(item) else True for item in items)
     return items if drawable and (meshes or not any(map(_is_mesh, items))) else []
 
 
 def _mesh_is_whole(shape: Any) -> bool:
-    """Return whether the triangles of a mesh use most of its vertices, the others being hidden parts at worst."""
+    """Return whether the triangles of a mesh use most of its vertices; parts of some files are not read."""
     return bool(shape.num_tris) and int(_faces(shape).max()) > 0.75 * shape.num_vertices
 
 
 def _faces(shape: Any) -> NDArray[np.int64]:
     """Return the vertices of each triangle of a mesh, (n, 3).
 
-    The reader of Collada files counts the vertices of every part of a file from zero; parts begin with (0, 1, 2).
+    The reader of Collada files counts the vertices of every part of a file from zero. A part begins with (0, 1, 2).
     """
     faces = np.array([[t[0], t[1], t[2]] for t in (shape.tri_indices(i) for i in range(shape.num_tris))])
     parts = np.split(faces, np.flatnonzero((faces == (0, 1, 2)).all(axis=1)))
@@ -111,7 +111,7 @@ def _draw_capsules(mujoco: Any, bodies: dict[int, Any], robot: Robot, mark: dict
             )  # fmt: skip
 
 
-def stage(spec: Any, base: Any, size: float) -> None:
+def add_surroundings(spec: Any, base: Any, size: float) -> None:
     """Add sky, floor pattern, lights and a camera that follows the base; ``size`` is the robot's length [m]."""
     mujoco = import_mujoco()
     textures = mujoco.mjtTexture
@@ -144,12 +144,12 @@ def stage(spec: Any, base: Any, size: float) -> None:
         name="sun", type=light, mode=follow, pos=(1 * size, -2 * size, 4 * size), dir=(-0.35, 0.45, -1),
         diffuse=(0.62, 0.60, 0.57), specular=(0.2, 0.2, 0.2), castshadow=True,
     )  # fmt: skip
-    place = np.array([1.7, -3.3, 0.9]) * size  # ahead of its right shoulder; looks a little below the base
+    place = np.array([1.7, -3.3, 0.9]) * size  # in front of the robot, to its right; looks at a point below the base
     base.add_camera(name=CAMERA, mode=follow, pos=place, quat=_look_at((0, 0, -0.25 * size) - place), fovy=30)
 
 
 def _look_at(direction: Sequence[float] | Array) -> Array:
-    """Return the quaternion of a camera (looks along −z, y up) that looks along a direction, level."""
+    """Return the quaternion of a level camera that looks along a direction; its axes are −z forward, y up."""
     back = -np.asarray(direction, dtype=float) / np.linalg.norm(direction)
     right = np.cross((0.0, 0.0, 1.0), back)
     right /= np.linalg.norm(right)
@@ -157,7 +157,7 @@ def _look_at(direction: Sequence[float] | Array) -> Array:
 
 
 def scale(robot: Robot) -> float:
-    """Return the distance between the outermost joints at the base [m], a scale for what is drawn."""
+    """Return the largest distance between joints at the base [m], the length scale of the visual elements."""
     model = robot.model
     joints = range(ROOT + 1, model.njoints)
     hips = [model.jointPlacements[j].translation for j in joints if model.parents[j] == ROOT]

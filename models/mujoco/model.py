@@ -1,4 +1,4 @@
-"""MuJoCo as a model of the schedule: the quantities of the whole body, and a simulator in place of its derivatives."""
+"""MuJoCo as a model of a problem's schedule: the quantities of the whole body, and steps of a simulator."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from ..robot import Robot, require_robot
 from ..terrain import Flat, Terrain
 from ..tree import Tree
 from .action import Action, BoundAction, joint_targets, per_joint
-from .contact import SoftContact, pair_up
+from .contact import SoftContact, declare_pairs
 from .payload import Payload
 from .scene import compile_spec, mujoco_spec
 
 Array = NDArray[np.float64]
 
 ABSENT = {
-    quantity.path: f"there is no {what} before the simulator's step; leave the term out with .without(...)"
+    quantity.path: f"there is no {what} before the simulator's step; remove the term with .without(...)"
     for quantity, what in ((feet.force, "contact force"), (joints.acceleration, "acceleration"))
 }
-"""Why the simulator cannot supply what the whole body can."""
+"""Quantities of the whole body that the simulator does not have, by path, and the reason."""
 
 
 @dataclass(frozen=True)
 class Fall:
-    """What counts as a fall.
+    """Definition of a fall.
 
     Args:
-        tilt: angle of the base's z axis from the vertical above which it has fallen [rad].
-        height: ``base.height`` below which it has fallen [m].
+        tilt: the robot has fallen if its base's z axis is farther from the vertical than this angle [rad].
+        height: the robot has fallen if ``base.height`` is below this [m].
     """
 
     tilt: float = 0.5
@@ -51,23 +51,23 @@ class Fall:
 class Mujoco(LeggedModel):
     """A robot in MuJoCo, which simulates its contacts; for sampling controllers, and as their plant.
 
-    State, quantities and contact flags are those of :class:`~piaffe.models.WholeBody`, as expressions of (x, u); the
-    flags are the motion's schedule, not what MuJoCo measures. Accelerations and contact forces are not known before a
-    step is made and cannot be supplied. Solvers that need derivatives refuse the model.
+    State, quantities and contact flags are those of :class:`~piaffe.models.WholeBody`, as expressions of (x, u). The
+    flags come from the motion's phases, not from MuJoCo's contacts. Accelerations and contact forces are not available,
+    because they are unknown before a step. Solvers that need derivatives raise an error for this model.
 
     Args:
         robot: the robot.
         terrain: the ground, see :mod:`piaffe.models.terrain`.
         timestep: of the simulator [s].
-        substeps: steps of the simulator per step of the schedule, whose ``dt`` is the product.
-        contact: how contacts are solved; the default is made for planning.
-        action: what a control is; joint targets by default.
-        armature: inertia of the rotors as seen at the joints, a number, n of them or a mapping from labels that names
-            every joint [kg m²]. By default the robot's, but with an explicit integrator at least kd h + kp h² for steps
-            h, so that no step makes the PD law overshoot.
+        substeps: steps of the simulator per step of the schedule; ``dt`` is the product of both.
+        contact: options of the contacts; the default is for planning.
+        action: the meaning of the controls; joint targets by default.
+        armature: rotor inertia reflected to the joints: one number, n numbers or a mapping from labels that names every
+            joint [kg m²]. By default the robot's. With an explicit integrator of step h it is at least kd h + kp h², so
+            that the PD law does not overshoot within a step.
         payload: a mass on the base, see :func:`~piaffe.models.payload`.
         friction: sliding friction coefficient of the robot's surface.
-        body_collisions: let base and knees touch the ground, not the feet alone, so that a fallen robot does not sink.
+        body_collisions: whether base and knees collide with the ground too, so that a fallen robot does not sink.
         name: name of the model.
     """
 
@@ -104,7 +104,8 @@ class Mujoco(LeggedModel):
         self.payload, self.body_collisions = payload, bool(body_collisions)
         loaded = robot if payload is None else payload.put_on(robot)
         self._armature = robot.armature if armature is None else per_joint(robot, "models.Mujoco, armature", armature)
-        self.simulated = replace(loaded, armature=self._armature if armature is not None else self._steady(robot))
+        stable = self._stable_armature(robot) if armature is None else self._armature
+        self.simulated = replace(loaded, armature=stable)
         nf = len(robot.feet)
         slots = {"contact": np.zeros(nf), "landing": np.zeros(nf), "lifting": np.zeros(nf)}
         positions = (*POSE_BLOCKS, Block(joints.position, robot.joint_names))
@@ -123,7 +124,7 @@ class Mujoco(LeggedModel):
         self._points, self._legs = frame_points(robot), Kinematics(robot)
         self._compiled: dict[bool, Any] = {}
 
-    # ---- what the compiler asks
+    # ---- used by the compiler of problems
 
     @property
     def has_derivatives(self) -> bool:
@@ -137,15 +138,15 @@ class Mujoco(LeggedModel):
 
     @property
     def own_step(self) -> float:
-        """The same: no other can be scheduled."""
+        """The same as ``dt``: the only time step that a schedule may use."""
         return self.dt
 
     def lands(self, node: Node) -> bool:
-        """Return False: the simulator makes impacts itself."""
+        """Return False: the simulator computes impacts itself."""
         return False
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
-        """Return the quantities; there is no expression of the step."""
+        """Return the quantities; the step itself is not an expression."""
         nq, tree = self.tree.nv + 1, self.tree
         motion = Recursion(tree, x[:nq], x[nq:])
         links = {"link_mass": tree.mass, "link_com": tree.com, "link_inertia": tree.inertia}
@@ -161,15 +162,15 @@ class Mujoco(LeggedModel):
         return Dynamics(cs.SX(0, 1), cs.SX(0, 1), Quantities(self.name, make, ABSENT))
 
     def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
-        """Return the control that holds the joints where the path has them, within the action's range."""
+        """Return the control for the joint angles of the path, within the action's range."""
         if self.action.quantity != joints.target or joints.position not in sample:
             return {self.action.quantity: self.action.centre}
         return {joints.target: np.clip(sample[joints.position], self.action.lower, self.action.upper)}
 
     # ---- the simulator
 
-    def _steady(self, robot: Robot) -> Array:
-        """Return the robot's armature, raised to what explicit steps of the PD law need, (n,) [kg m²]."""
+    def _stable_armature(self, robot: Robot) -> Array:
+        """Return the robot's armature, or the larger one that explicit steps of the PD law need, (n,) [kg m²]."""
         if self.contact.integrator != "euler":
             return robot.armature
         h = self.timestep
@@ -189,28 +190,29 @@ class Mujoco(LeggedModel):
         return spec
 
     def compiled(self, *, visuals: bool = False) -> Any:
-        """Return the ``mujoco.MjModel``, made once; it is shared and must not be changed."""
+        """Return the ``mujoco.MjModel``; it is made once and shared, so do not change it."""
         if visuals not in self._compiled:
             spec = self.spec(visuals=visuals)
-            pair_up(spec)
+            declare_pairs(spec)
             self._compiled[visuals] = compile_spec(spec, self.simulated)
         return self._compiled[visuals]
 
     def as_plant(self, timestep: float = 0.002, **changes: Any) -> Mujoco:
-        """Return a model of the same robot, terrain and action that is simulated in finer steps, to convergence.
+        """Return a model of the same robot, terrain and action with smaller steps and contacts solved to convergence.
 
         Args:
-            timestep: of its simulator [s]; the schedule's time step stays.
-            changes: other arguments of the class, for what the planner does not know: ``payload``, ``friction``, …
+            timestep: of its simulator [s]; the schedule's time step is the same.
+            changes: other arguments of the class, for differences between planner and plant: ``payload``, ``friction``,
+                …
 
         Raises:
-            ModelError: the schedule's time step is not a whole number of these.
+            ModelError: the schedule's time step is not a whole multiple of ``timestep``.
         """
         steps = round(self.dt / timestep)
         if steps < 1 or abs(steps * timestep - self.dt) > 1e-9:
             raise ModelError(
                 f"plant of '{self.name}': timestep does not divide the schedule's step - got {timestep:g} s, expected "
-                f"{self.dt:g} s over a whole number; choose one"
+                f"{self.dt:g} s divided by a whole number; choose one"
             )
         same = {
             "terrain": self.terrain, "action": self.declared_action, "contact": SoftContact.accurate(),
@@ -232,11 +234,11 @@ class Mujoco(LeggedModel):
         return np.asarray(x[..., 2] - np.mean(self.terrain.height(places[..., 0], places[..., 1]), axis=-1))
 
     def fallen(self, states: ArrayLike, fall: Fall | None = None) -> NDArray[np.bool_]:
-        """Return which of some states, (..., nx), are falls, (...,); states that are not finite are.
+        """Return which states are falls, (...,); states that are not finite are falls, too.
 
         Args:
-            states: states.
-            fall: what counts as one.
+            states: (..., nx).
+            fall: the definition of a fall; ``Fall()`` by default.
         """
         x, fall = np.asarray(states, dtype=float), fall or Fall()
         finite = np.all(np.isfinite(x), axis=-1)
@@ -247,7 +249,7 @@ class Mujoco(LeggedModel):
 
 
 def _step(robot: Robot, timestep: float, substeps: int) -> tuple[float, int]:
-    """Return the simulator's step [s] and how many make one of the schedule; raise ModelError if they make no sense."""
+    """Return the simulator's step [s] and the number of substeps; raise ModelError if one is out of range."""
     for name, value, holds in (
         ("timestep", timestep, np.isfinite(timestep) and timestep > 0),
         ("substeps", substeps, substeps == int(substeps) and substeps >= 1),

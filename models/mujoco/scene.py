@@ -1,6 +1,6 @@
 """MuJoCo scenes of a robot, built from the numbers of its ``pinocchio.Model``: ``qpos`` and ``qvel`` are the state.
 
-MuJoCo's own URDF reader is not used: it refuses valid merged inertias and may order joints differently. MuJoCo is
+MuJoCo's URDF reader is not used, because it rejects valid merged inertias and may order joints differently. MuJoCo is
 imported when a scene is made.
 """
 
@@ -20,13 +20,13 @@ from ..robot import ROOT, Robot
 from ..terrain import Flat, Terrain
 from .action import BoundAction
 from .hull import add_hull
-from .look import draw, quaternion, scale, stage
+from .look import add_shapes, add_surroundings, quaternion, scale
 
 Array = NDArray[np.float64]
 Contacts = Literal["none", "feet", "all"]
 
-FOOT_GROUP = 3  # a viewer shows groups 0 to 2 unless told otherwise
-_POINT = 1e-3  # [m], the ball of a foot of radius 0
+FOOT_GROUP = 3  # by default a viewer shows groups 0 to 2
+_POINT = 1e-3  # [m], radius of the ball of a foot with radius 0
 
 
 def mujoco_spec(
@@ -48,22 +48,23 @@ def mujoco_spec(
     The first body is the base with a free joint; hinges follow in state order, then torque actuators. ``qpos`` and
     ``qvel`` are the state x = (qpos, qvel) of every model. Feet are balls of ``robot.foot_radius``, at least 1 mm.
 
-    MuJoCo accepts no inertia with A + B < C, which published robots have (Mini Cheetah's thigh): compiled by itself,
-    the spec gives such a body the mean of its principal inertias. :func:`mujoco_model`, or :func:`restore_inertias`
-    after an own compile, puts the exact ones back.
+    MuJoCo does not accept principal inertias with A + B < C, which some published robots have (Mini Cheetah's thigh).
+    MuJoCo's compiler replaces the inertias of such a body by their mean. :func:`mujoco_model` restores the exact ones;
+    if you compile the spec yourself, call :func:`restore_inertias` afterwards.
 
     Args:
         robot: the robot.
-        contacts: what touches the floor: nothing, the feet, or all drawn shapes. Parts of the robot never touch.
+        contacts: what collides with the floor: nothing, the feet, or all visual shapes. Parts of the robot do not
+            collide with each other.
         friction: sliding friction coefficient between feet and floor.
         dt: the simulator's time step [s].
         joint_limits: stop joints at their limits.
         visuals: draw the robot, with lights and a camera that follows it.
-        meshes: draw meshes where the URDF has them; else capsules between the joints.
+        meshes: draw the meshes of the URDF; False draws capsules between the joints.
         terrain: the ground; level at z = 0 by default.
-        action: what the actuators' controls are; torques by default.
-        surface: options of the robot's geoms in place of ``friction``.
-        hull: let a box for the base and balls at the knees touch the ground, too.
+        action: the action that the actuators' controls are; torques by default.
+        surface: contact options of the robot's geoms in place of ``friction``.
+        hull: add a box for the base and balls at the knees, which collide with the ground.
     """
     mujoco = import_mujoco()
     spec = mujoco.MjSpec()
@@ -84,8 +85,8 @@ def mujoco_spec(
     else:
         action.add_to(spec, robot)
     if visuals:
-        draw(spec, bodies, robot, meshes=meshes, collide=contacts == "all")
-        stage(spec, bodies[ROOT], size=scale(robot))
+        add_shapes(spec, bodies, robot, meshes=meshes, collide=contacts == "all")
+        add_surroundings(spec, bodies[ROOT], size=scale(robot))
     return spec
 
 
@@ -98,14 +99,14 @@ def compile_spec(spec: Any, robot: Robot) -> Any:
     """Return the compiled ``mujoco.MjModel`` of a spec, with the robot's exact inertias.
 
     Raises:
-        ModelError: MuJoCo refuses the spec, or orders the joints differently.
+        ModelError: MuJoCo does not compile the spec, or orders the joints differently.
     """
     try:
         model = spec.compile()
     except ValueError as error:
         raise ModelError(
-            f"robot '{robot.name}': MuJoCo refuses it - got '{error}', expected a model that compiles; see what "
-            "`piaffe doctor` says of its URDF"
+            f"robot '{robot.name}': MuJoCo does not compile it - got '{error}', expected a model that compiles; run "
+            "`piaffe doctor` on its URDF"
         ) from error
     names = tuple(model.joint(i).name for i in range(1, model.njnt))
     if names != robot.joint_names:
@@ -118,7 +119,7 @@ def compile_spec(spec: Any, robot: Robot) -> Any:
 
 
 def restore_inertias(model: Any, robot: Robot) -> None:
-    """Put the robot's exact inertias into a compiled ``mujoco.MjModel`` where the compiler balanced them."""
+    """Write the robot's exact inertias into a compiled ``mujoco.MjModel`` where the compiler has changed them."""
     mujoco = import_mujoco()
     for name, inertia in zip(body_names(robot), list(robot.model.inertias)[ROOT:], strict=True):
         principal, axes = np.linalg.eigh(inertia.inertia)
@@ -177,7 +178,7 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
 
 
 def _add_motors(mujoco: Any, spec: Any, robot: Robot) -> None:
-    """Add a torque per joint, in state order."""
+    """Add a torque actuator for each joint, in state order."""
     for name, limit in zip(robot.joint_names, robot.torque_limit, strict=True):
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
@@ -189,7 +190,7 @@ def _add_motors(mujoco: Any, spec: Any, robot: Robot) -> None:
 def _add_feet(
     mujoco: Any, robot: Robot, bodies: dict[int, Any], contacts: Contacts, surface: Mapping[str, Any]
 ) -> None:
-    """Add a ball and a site at every foot, both with the foot's name; the ball's surface is the contact's."""
+    """Add a ball and a site at every foot, both with the foot's name; ``surface`` are the ball's contact options."""
     for foot in robot.feet:
         frame = robot.model.frames[robot.frame_id(foot.frame)]
         body = bodies[frame.parentJoint]

@@ -10,7 +10,7 @@ import pytest
 from piaffe import models, ocp
 from piaffe.errors import ModelError, ProblemError
 from piaffe.models import base, feet, gaits, joints
-from piaffe.models.gaits.course import Course
+from piaffe.models.gaits.base_path import BasePath
 from piaffe.ocp import rotation
 
 GAITS = ("bound", "pace", "flying_pace", "trot", "flying_trot", "pronk")
@@ -95,20 +95,20 @@ def test_position_is_the_true_integral_of_the_ramped_velocity(body):
     assert x == pytest.approx([0.0, 0.5 * 2.5 / 2, 0.5 * 2.5 / 2 + 0.5], abs=1e-9)
 
 
-def test_the_course_of_a_steady_turn_is_a_circle():
-    course = Course((1.0, 2.0, 0.3), np.array([0.5, 0.0, 0.5]), np.array([0.5, 0.0, 0.5]), 0.0)
+def test_the_path_of_a_steady_turn_is_a_circle():
+    path = BasePath((1.0, 2.0, 0.3), np.array([0.5, 0.0, 0.5]), np.array([0.5, 0.0, 0.5]), 0.0)
     t = np.linspace(0, 4 * pi, 50)
     centre = np.array([1.0, 2.0]) + (0.5 / 0.5) * np.array([-np.sin(0.3), np.cos(0.3)])
-    assert np.linalg.norm(course.position(t) - centre, axis=-1) == pytest.approx(1.0, abs=1e-12)
-    assert course.position(np.array(4 * pi)) == pytest.approx([1.0, 2.0], abs=1e-12)
+    assert np.linalg.norm(path.position(t) - centre, axis=-1) == pytest.approx(1.0, abs=1e-12)
+    assert path.position(np.array(4 * pi)) == pytest.approx([1.0, 2.0], abs=1e-12)
 
 
-def test_the_course_of_a_turning_ramp_is_the_integral_of_its_velocity():
-    course = Course((0.0, 0.0, 0.0), np.array([0.1, 0.2, -0.5]), np.array([1.0, -0.3, 1.5]), 1.5)
+def test_the_path_of_a_turning_ramp_is_the_integral_of_its_velocity():
+    path = BasePath((0.0, 0.0, 0.0), np.array([0.1, 0.2, -0.5]), np.array([1.0, -0.3, 1.5]), 1.5)
     t = np.linspace(0, 2.5, 20001)
-    velocity = course.velocity(t)
+    velocity = path.velocity(t)
     integral = np.sum((velocity[1:] + velocity[:-1]) / 2, axis=0) * (t[1] - t[0])
-    assert course.position(np.array(2.5)) == pytest.approx(integral, abs=1e-8)
+    assert path.position(np.array(2.5)) == pytest.approx(integral, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", GAITS)
@@ -250,7 +250,7 @@ def test_gait_errors_say_what_to_change(body):
         gaits.trot(ramp=-1.0)
     with pytest.raises(ProblemError, match=r"gait: speed is out of range - got nan, expected a finite number"):
         gaits.trot(float("nan"))
-    with pytest.raises(ProblemError, match=r"gait: no beats - got none, expected at least one"):
+    with pytest.raises(ProblemError, match=r"gait: no phases - got none, expected at least one"):
         gaits.gait()
     with pytest.raises(ProblemError, match=r"out of reach - got \d\.\d+ m too far at speed 4\.0 m/s.*lower the speed"):
         bind(body, gaits.trot(4.0))

@@ -7,7 +7,7 @@ import pinocchio
 import pytest
 
 from piaffe import models
-from piaffe.models.legs import _least
+from piaffe.models.legs import _damped_step
 from piaffe.models.robot import to_pinocchio
 from piaffe.models.robots.load import names
 
@@ -39,11 +39,11 @@ def test_leg_jacobians_match_finite_differences(legs):
     rng, step = np.random.default_rng(1), 1e-6
     for group in legs.groups:
         angles = rng.uniform(-1, 1, group.joints.shape)
-        _, jacobian = group.forward(angles)
+        _, jacobian = group.jacobian(angles)
         for i in range(angles.shape[1]):
             nudge = np.zeros_like(angles)
             nudge[:, i] = step
-            difference = (group.forward(angles + nudge)[0] - group.forward(angles - nudge)[0]) / (2 * step)
+            difference = (group.jacobian(angles + nudge)[0] - group.jacobian(angles - nudge)[0]) / (2 * step)
             assert jacobian[..., i] == pytest.approx(difference, abs=1e-9)
 
 
@@ -94,7 +94,7 @@ def test_standing_pose_puts_feet_below_their_neutral_places_with_knees_behind(le
     assert feet[:, :2] == pytest.approx(neutral[:, :2], abs=1e-6)
     assert np.ptp(feet[:, 2]) < 1e-6
     for group in legs.groups:
-        _, origins, _ = group.walk(pose[group.joints])
+        _, origins, _ = group.forward(pose[group.joints])
         assert np.all(origins[:, -1, 0] <= feet[group.feet, 0] + 1e-6)
 
 
@@ -106,7 +106,7 @@ def test_damped_inverse_of_a_straight_leg_is_the_least_motion(joints):
         jacobian[:, 0] += rng.normal(size=3)
     rate, damping = rng.normal(size=3), 1e-9
     expected = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + damping * np.eye(3), rate)
-    found = _least(jacobian[..., None, None], rate[:, None, None], np.array(damping))[:, 0, 0]
+    found = _damped_step(jacobian[..., None, None], rate[:, None, None], np.array(damping))[:, 0, 0]
     assert found == pytest.approx(expected, rel=1e-4)
 
 

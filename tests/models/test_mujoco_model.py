@@ -433,8 +433,8 @@ def test_compiled_is_made_once():
         (lambda: models.Mujoco(ROBOT, timestep=0.0), "models.Mujoco of 'solo12': timestep is out of range - got 0.0"),
         (lambda: models.Mujoco(ROBOT, substeps=1.5), "models.Mujoco of 'solo12': substeps is out of range - got 1.5"),
         (lambda: models.SoftContact(solver="qp"), "contact: solver is unknown - got 'qp', expected one of"),
-        (lambda: models.SoftContact(iterations=0), "contact: iterations is no count - got 0, expected a whole number"),
-        (lambda: models.payload(1, (0, 1)), "payload: offset is no place - got"),
+        (lambda: models.SoftContact(iterations=0), "contact: iterations is out of range - got 0, expected a whole"),
+        (lambda: models.payload(1, (0, 1)), "payload: offset is not a position - got"),
     ],
 )
 def test_models_that_make_no_sense(make, message):

@@ -144,5 +144,5 @@ def test_an_inertia_that_mujoco_cannot_hold_is_named(tmp_path):
         cheetah.urdf.read_text().replace('<mass value="0.064"/>', '<mass value="0"/>').replace('0.000006"', '0"')
     )
     robot = models.load(urdf, feet=("FL_FOOT",), name="light")
-    with pytest.raises(ModelError, match=r"(?s)robot 'light': MuJoCo refuses it - got .*(mass|inertia).*piaffe doctor"):
+    with pytest.raises(ModelError, match=r"(?s)robot 'light': MuJoCo does not compile it - .*(mass|inertia).*doctor"):
         mujoco_model(robot)

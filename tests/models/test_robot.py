@@ -119,7 +119,7 @@ def test_pose_does_not_hand_out_the_robot_s_own_array(cheetah):
         (np.zeros(11), ShapeError, r"robot 'mini_cheetah', joints: wrong size - got 11 entries, expected 12 \(FL_HAA"),
         ({"FL": (1, 2)}, ShapeError, r"label 'FL': wrong size - got 2 entries, expected 1 or 3 \(FL_HAA, FL_HFE"),
         ({"FX": 1.0}, UnknownNameError, r"no component 'FX' - got 'FX', expected one of"),
-        (object(), ModelError, r"joints: no joint angles - got .*, expected the name of a pose \(stand"),
+        (object(), ModelError, r"joints: not joint angles - got .*, expected the name of a pose \(stand"),
     ],
 )
 def test_pose_errors_say_what_was_got_and_expected(cheetah, pose, error, message):
@@ -167,7 +167,7 @@ def test_loading_says_what_is_missing(cheetah, tmp_path):
     with pytest.raises(UnknownNameError, match="no frame 'FL_TOE'"):
         models.load(cheetah.urdf, feet=("FL_TOE",))
     assert models.load(cheetah.urdf, feet="FL_FOOT HR_FOOT").foot_names == ("FL", "HR")
-    with pytest.raises(ModelError, match=r"foot_radius is no length - got -0\.1"):
+    with pytest.raises(ModelError, match=r"foot_radius is not a length - got -0\.1"):
         models.load("mini_cheetah", foot_radius=-0.1)
 
 

@@ -95,14 +95,14 @@ def test_terrains_are_values():
     ("make", "message"),
     [
         (lambda: terrain.incline(2.0), "terrain incline: angle is out of range - got 2.0, expected an angle between"),
-        (lambda: terrain.incline(-0.1), "terrain incline: angle is out of range - got -0.1, expected one that rises"),
+        (lambda: terrain.incline(-0.1), "terrain incline: angle is out of range - got -0.1, expected an angle ≥ 0"),
         (
             lambda: terrain.stairs(0.0, 0.3),
             "terrain stairs: rise is out of range - got 0.0, expected a positive number",
         ),
         (lambda: terrain.stairs(0.1, 0.3, 2.5), "terrain stairs: steps is out of range - got 2.5, expected a whole"),
         (lambda: terrain.boxes(3), "terrain boxes: a block is out of range - got 3, expected models.terrain.Box"),
-        (lambda: terrain.Box((0, 0), (1, 0), 1), "terrain box: no block - got place"),
+        (lambda: terrain.Box((0, 0), (1, 0), 1), "terrain box: numbers are out of range - got place"),
         (lambda: terrain.heightfield([[-1, 0], [0, 0]], (1, 1)), "terrain heightfield: lowest height is out of range"),
         (lambda: terrain.heightfield(np.zeros((21, 20)), (1, 1)), "terrain heightfield: shape is out of range"),
     ],

@@ -49,8 +49,8 @@ def test_a_stance_foot_off_the_ground():
     ((where, text),) = warned(phase)
     assert where == f"phase 'stand' ({FILE}:{phase.source.line}), keyframe"
     assert text == (
-        "stance foot held off the ground - got FL 0.050 m above it, FR 0.050 m above it, HL 0.050 m above it, HR 0.050 "
-        "m above it, expected within 0.02 m; move the base or bend the leg"
+        "stance foot is not on the ground - got FL 0.050 m above it, FR 0.050 m above it, HL 0.050 m above it, HR "
+        "0.050 m above it, expected within 0.02 m; change the position of the base or the joint angles"
     )
 
 
@@ -67,7 +67,7 @@ def test_a_foot_that_lands_off_the_ground():
     hop = keyframe("hop", NONE, 0.1, position=(0, 0, STANDING + 0.03))
     ((where, text),) = warned(push, hop, ocp.Phase("land", stance("FL HR"), 0.1))
     assert where.startswith("phase 'hop'")
-    assert text.startswith("landing foot held off the ground - got FL 0.030 m above it, HR 0.030 m above it, expected")
+    assert text.startswith("landing foot is not on the ground - got FL 0.030 m above it, HR 0.030 m above it, expected")
 
 
 def test_a_foot_in_the_air_may_be_anywhere():
@@ -84,7 +84,7 @@ def test_a_joint_beyond_its_limit():
     texts = [text for _, text in warned(stand, keyframe("bend", NONE, 0.1, joints=bent))]
     assert texts == [
         "joint beyond its limit - got FL_HAA at 1.500 rad, HR_HAA at -1.400 rad, expected -1.300 to 1.300 rad, -1.300 "
-        "to 1.300 rad; bend it less"
+        "to 1.300 rad; change the angle"
     ]
 
 
@@ -102,7 +102,7 @@ def test_a_static_torque_beyond_the_limit():
     assert where.startswith("phase 'stand'")
     assert text.startswith("static torque beyond the limit - got FL_KFE ")
     assert text.endswith(
-        "Nm to hold still on FL FR HL HR, expected at most 1.0 Nm, 1.0 Nm, 1.0 Nm, 1.0 Nm; straighten the legs or put "
+        "Nm at rest on FL FR HL HR, expected at most 1.0 Nm, 1.0 Nm, 1.0 Nm, 1.0 Nm; straighten the legs or put "
         "more feet on the ground"
     )
 
@@ -203,7 +203,7 @@ def test_two_models_of_one_robot_warn_once():
     schedule = BODY.over(0.1, dt=0.05) + rigid.over(0.1, dt=0.05)
     compiled = ocp.compile_problem(ocp.Problem(motion, schedule, objective, initial=BODY.state()))
     assert [warning.text.split(" - ")[0] for warning in ocp.find_warnings(compiled)] == [
-        "stance foot held off the ground"
+        "stance foot is not on the ground"
     ]
 
 

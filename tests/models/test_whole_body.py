@@ -316,13 +316,13 @@ def test_unknown_names_are_refused() -> None:
         body.keyframe({"postion": (0, 0, 0)})
     with pytest.raises(UnknownNameError, match="no parameter 'graviti'"):
         body.bias(x, graviti=(0, 0, 0))
-    with pytest.raises(ModelError, match="mode is no contact set - got 3, expected the feet on the ground"):
+    with pytest.raises(ModelError, match="mode is not a contact set - got 3, expected the feet on the ground"):
         body.mode_key(3)
     with pytest.raises(ModelError, match="unknown integrator - got 'rk4', expected 'euler' or"):
         WholeBody(body.robot, integrator="rk4")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match=r"models\.WholeBody: not a robot - got 'solo12', expected what models\.load"):
         WholeBody("solo12")  # type: ignore[arg-type]
-    with pytest.raises(ModelError, match=r"baumgarte is no gain - got -1, expected a finite number ≥ 0"):
+    with pytest.raises(ModelError, match=r"baumgarte is out of range - got -1, expected a finite number ≥ 0"):
         WholeBody(body.robot, baumgarte=-1)
 
 
@@ -343,7 +343,7 @@ def test_redundant_contacts_are_refused_by_name_unless_damped() -> None:
     robot = replace(robot, feet=(*robot.feet, Foot("FL_knee", "FL_KFE")))
     with pytest.raises(ModelError, match="redundant contact points - got FL_knee beside FL, FR, HL, HR, expected"):
         WholeBody(robot)
-    with pytest.raises(ModelError, match=r"contact_damping is no compliance - got 0\.0, expected a positive"):
+    with pytest.raises(ModelError, match=r"contact_damping is out of range - got 0\.0, expected a positive"):
         WholeBody(robot, contact_damping=0.0)
     damped = WholeBody(robot, contact_damping=1e-6)
     x, u = damped.state(), np.zeros(12)

@@ -1,4 +1,4 @@
-"""The course of a base in the plane: velocities that ramp to a command, and their exact integral."""
+"""The path of the base in the plane: velocities that ramp to a command, and their integral."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Twelve Gauss points integrate a ramp that turns by up to half a turn to 1e-10.
+# Twelve Gauss points integrate a ramp with up to half a turn of yaw with an error below 1e-10.
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
-    """Where the base is meant to be in the plane, over any leading axes of time.
+class BasePath:
+    """The reference path of the base in the plane, for times with any leading axes.
 
-    Velocities (forward, left) and the yaw rate change linearly from ``first`` to ``last`` within the ramp, then hold.
+    Velocities (forward, left) and the yaw rate change linearly from ``first`` to ``last`` within the ramp, and are
+    constant after it.
 
     Args:
         origin: x, y [m] and yaw [rad] at time 0.
@@ -33,13 +34,13 @@ class Course:
 
     def command(self, t: Array) -> Array:
         """Return forward and left velocity [m/s] and yaw rate [rad/s], (..., 3)."""
-        return self.first + self._share(t)[..., None] * (self.last - self.first)
+        return self.first + self._progress(t)[..., None] * (self.last - self.first)
 
     def yaw(self, t: Array) -> Array:
-        """Return the yaw angle, with its winding [rad]."""
+        """Return the yaw angle, full turns included [rad]."""
         t = np.maximum(t, 0.0)
         within = np.minimum(t, self.ramp)
-        mean = self.first[2] + 0.5 * (self._share(within) if self.ramp else 0.0) * (self.last[2] - self.first[2])
+        mean = self.first[2] + 0.5 * (self._progress(within) if self.ramp else 0.0) * (self.last[2] - self.first[2])
         return np.asarray(self.origin[2] + mean * within + self.last[2] * (t - within))
 
     def position(self, t: Array) -> Array:
@@ -48,10 +49,10 @@ class Course:
         within = np.minimum(t, self.ramp)
         nodes = within[..., None] * (_POINTS + 1) / 2
         ramped = np.sum(self.velocity(nodes) * (_WEIGHTS / 2)[:, None], axis=-2) * within[..., None]
-        # then an arc of a circle: the integral of R(ω s) ds is [sin, cos − 1; 1 − cos, sin] / ω
-        left, turn = t - within, self.last[2] * (t - within)
-        along = left * np.sinc(turn / np.pi)
-        across = left * np.sinc(turn / (2 * np.pi)) * np.sin(turn / 2)
+        # after the ramp an arc of a circle: the integral of R(ω s) ds is [sin, cos − 1; 1 − cos, sin] / ω
+        after, turn = t - within, self.last[2] * (t - within)
+        along = after * np.sinc(turn / np.pi)
+        across = after * np.sinc(turn / (2 * np.pi)) * np.sin(turn / 2)
         forward, leftward = self.last[0], self.last[1]
         arc = np.stack([along * forward - across * leftward, across * forward + along * leftward], axis=-1)
         return np.asarray(np.array(self.origin[:2]) + ramped + turn_by(self.yaw(within), arc))
@@ -61,29 +62,29 @@ class Course:
         return turn_by(self.yaw(t), self.command(t)[..., :2])
 
     def acceleration(self, t: Array) -> Array:
-        """Return the acceleration in heading axes, that of turning included, (..., 2) [m/s^2]."""
+        """Return the acceleration in heading axes, centripetal acceleration included, (..., 2) [m/s^2]."""
         command = self.command(t)
         ramping = ((t < self.ramp) / self.ramp if self.ramp else 0.0 * t)[..., None] * (self.last - self.first)[:2]
         turning = command[..., 2:] * np.stack([-command[..., 1], command[..., 0]], axis=-1)
         return np.asarray(ramping + turning)
 
-    def _share(self, t: Array) -> Array:
+    def _progress(self, t: Array) -> Array:
         return np.clip(t / self.ramp, 0.0, 1.0) if self.ramp else np.ones_like(t)
 
 
 def turn_by(angle: Array, vectors: Array) -> Array:
-    """Return plane vectors (..., 2) turned by angles (...) [rad]."""
+    """Return vectors in the plane, (..., 2), rotated by angles (...) [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = vectors[..., 0], vectors[..., 1]
     return np.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
 def ease(t: Array, length: float, first: Array, last: Array) -> tuple[Array, Array]:
-    """Return values, and their rates, that go from first to last within a length of time [s], at rest at both ends.
+    """Return values, and their rates, of a cubic from ``first`` to ``last`` that is at rest at both ends.
 
     Args:
         t: times, (S,) [s].
-        length: [s]; 0 for a step at time 0.
+        length: duration [s]; 0 for a step at time 0.
         first: (k,).
         last: (k,).
     """
