@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from piaffe.codegen import (
     SOLVER_FLAGS,
+    LazySources,
     NoCompilerError,
-    Origin,
     Sources,
     available_cores,
     build,
     generate,
     load,
     pointer,
-    side_by_side,
+    run_in_parallel,
 )
 from piaffe.codegen import simd as ocp_lanes
 from piaffe.errors import SamplingError
@@ -114,7 +114,7 @@ class SimdEngine(Engine):
             )  # fmt: skip
 
         busy = [thread for thread in range(self.threads) if self._part(n, thread)[0] < self._part(n, thread)[1]]
-        side_by_side(run, busy, self._pool)
+        run_in_parallel(run, busy, self._pool)
         return Rollouts(states, self._mend(states, controls))
 
     def _release(self) -> None:
@@ -172,7 +172,7 @@ def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
     parts = [part for entry in templates.items() for part in entry]
     parts += [text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.SIMD_H, *makers]
-    built = build(Origin(parts, texts), width=width, label="SIMD roll-outs")
+    built = build(LazySources(parts, texts), width=width, label="SIMD roll-outs")
     loaded = load(built)
     loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long
     return loaded, built.width

@@ -13,7 +13,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.codegen import SOLVER_FLAGS, build, generate, load, side_by_side
+from piaffe.codegen import SOLVER_FLAGS, build, generate, load, run_in_parallel
 
 from .kernel import PER_SAMPLE, Kernel
 
@@ -124,7 +124,7 @@ class NativeKernel(Kernel):
         if self._pool is None:
             run(parts[0])
         else:
-            side_by_side(run, parts, self._pool)
+            run_in_parallel(run, parts, self._pool)
         return results
 
     def _parts(self, n: int, steps: int) -> list[tuple[int, int, int]]:

@@ -16,12 +16,12 @@ from pathlib import Path
 import pytest
 
 from piaffe.codegen import compilers
-from piaffe.codegen.build import EXPRESSION_FLAGS, SOLVER_FLAGS, VERSION, _Recipe, _written, build, load
+from piaffe.codegen.build import EXPRESSION_FLAGS, SOLVER_FLAGS, VERSION, _expanded, _Recipe, build, load
 from piaffe.codegen.cache import Cache
 from piaffe.codegen.compilers import NoCompilerError
 from piaffe.codegen.cpu import this_cpu
 from piaffe.codegen.processes import CompileError
-from piaffe.codegen.sources import Origin, Sources
+from piaffe.codegen.sources import LazySources, Sources
 from piaffe.errors import SolverError
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
@@ -100,7 +100,7 @@ def test_a_library_computes_with_vectors_of_the_width_asked_for(width: int) -> N
 
 
 def test_the_width_is_that_of_the_processor_by_default() -> None:
-    assert build(UNITS, headers=HEADER).width == this_cpu().lanes
+    assert build(UNITS, headers=HEADER).width == this_cpu().vector_width
 
 
 def test_what_was_built_is_found_without_a_compilation(wrapper: Callable[..., Path], tmp_path: Path,
@@ -148,21 +148,21 @@ def test_each_unit_may_have_flags_of_its_own() -> None:
 
 def test_flags_keep_to_ieee_754_and_this_processor() -> None:
     assert not {"-ffast-math", "-Ofast"} & {*EXPRESSION_FLAGS, *SOLVER_FLAGS}
-    expressions, solver = (_written(flags, 4, this_cpu()) for flags in (EXPRESSION_FLAGS, SOLVER_FLAGS))
+    expressions, solver = (_expanded(flags, 4, this_cpu()) for flags in (EXPRESSION_FLAGS, SOLVER_FLAGS))
     assert (expressions[0], solver[0]) == ("-O1", "-O3")
     assert expressions[-1] == solver[-1] == this_cpu().native
 
 
 def test_every_ingredient_is_part_of_the_key() -> None:
     texts = Sources(UNITS, HEADER, {"width": ("-O1",)})
-    recipe = _Recipe(_origin(texts), ("-O1",), ("-lm",), 4, "1")
+    recipe = _Recipe(_lazy(texts), ("-O1",), ("-lm",), 4, "1")
     compiler = compilers.Compiler(("gcc",), "gcc", "gcc 12")
     cpu = this_cpu()
     recipes = [
         recipe, replace(recipe, flags=("-O3",)), replace(recipe, link=()), replace(recipe, width=8),
         replace(recipe, version="2"),
     ]  # fmt: skip
-    recipes += [replace(recipe, origin=_origin(other)) for other in (
+    recipes += [replace(recipe, sources=_lazy(other)) for other in (
         replace(texts, units=UNITS[::-1]), replace(texts, units=(("square", "int a;"), UNITS[1])),
         replace(texts, headers={"vd.h": "typedef double vd;"}), replace(texts, headers={**HEADER, "b.h": ""}),
         replace(texts, flags_per_unit={"width": ("-O3",)}), replace(texts, flags_per_unit={}),
@@ -178,8 +178,8 @@ def test_every_ingredient_is_part_of_the_key() -> None:
     assert VERSION
 
 
-def _origin(texts: Sources) -> Origin:
-    return Origin(texts.parts, lambda: texts)
+def _lazy(sources: Sources) -> LazySources:
+    return LazySources(sources.parts, lambda: sources)
 
 
 def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
@@ -189,7 +189,7 @@ def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
         made.append(1)
         return Sources([("one", "int one(void) { return 1; }")])
 
-    first, second, other = (build(Origin(parts, texts)) for parts in (["a"], ["a"], ["b"]))
+    first, second, other = (build(LazySources(parts, texts)) for parts in (["a"], ["a"], ["b"]))
     assert (first.built, second.built, other.built) == (True, False, True)
     assert first.key == second.key != other.key
     assert len(made) == 2
@@ -204,8 +204,8 @@ def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
         ({"units": [("../a", "")]}, "got ['../a'], expected"),
         ({"units": [("a", "")], "headers": {"/etc/a.h": ""}}, "got ['/etc/a.h'], expected"),
         ({"units": [("a", "")], "flags_per_unit": {"b": []}}, "got ['b'], expected names of units ['a']"),
-        ({"units": Origin(["a"], lambda: Sources([("a", "")])), "headers": {"a.h": ""}}, "got them as arguments"),
-        ({"units": [("a", "")], "width": 3}, "width - got 3, expected 1, 2, 4 or 8"),
+        ({"units": LazySources(["a"], lambda: Sources([("a", "")])), "headers": {"a.h": ""}}, "got them as arguments"),
+        ({"units": [("a", "")], "width": 3}, "width is not supported - got 3, expected 1, 2, 4 or 8"),
     ],
 )
 def test_arguments_at_odds_are_refused(arguments: dict[str, object], told: str) -> None:
@@ -238,7 +238,7 @@ def test_a_missing_symbol_shows_when_linking() -> None:
         build([("one", "int nowhere(void); int one(void) { return nowhere(); }")])
 
 
-def test_a_compiler_that_is_killed_is_told(wrapper: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_killed_compiler_is_reported(wrapper: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CC", str(wrapper("kill -9 $$")))
     with pytest.raises(CompileError, match="killed by SIGKILL"):
         build(UNITS, headers=HEADER)
@@ -247,7 +247,7 @@ def test_a_compiler_that_is_killed_is_told(wrapper: Callable[..., Path], monkeyp
 # ---- finding compilers
 
 
-def test_no_compiler_is_told_with_advice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_compiler_is_reported_with_advice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr(compilers, "find_spec", lambda name: None)
@@ -423,7 +423,7 @@ def test_a_library_of_another_processor_is_built_anew_and_never_loaded(monkeypat
     built = build(UNITS, headers=HEADER, width=4)
     other = replace(here, features=here.features - {min(here.features)})  # this one, without something that it has
     monkeypatch.setattr(sys.modules[build.__module__], "this_cpu", lambda: other)
-    with pytest.raises(SolverError, match="damaged or was made for another processor"):
+    with pytest.raises(SolverError, match="damaged or was built for another processor"):
         load(built)
     again = build(UNITS, headers=HEADER, width=4)
     assert again.built
@@ -441,8 +441,8 @@ def test_a_truncated_library_is_built_anew() -> None:
     load(again)
 
 
-def test_a_library_that_is_gone_is_told() -> None:
+def test_a_missing_library_is_reported() -> None:
     built = build(UNITS, headers=HEADER)
     Cache().clear()
-    with pytest.raises(SolverError, match="got no file, expected what was built; build it again"):
+    with pytest.raises(SolverError, match="got no file, expected the built file; build it again"):
         load(built)

@@ -97,7 +97,7 @@ def test_looking_makes_no_folder(cache: Cache) -> None:
     assert not cache.folder.exists()
 
 
-def test_a_folder_that_cannot_be_written_is_told_with_advice(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_reported_with_advice(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(SolverError) as error, Cache(tmp_path / "file" / "cache").building(KEYS[0]):
         pass

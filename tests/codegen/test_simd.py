@@ -1,4 +1,4 @@
-"""Lanes: the C text of a function, compiled at 1, 4 and 8 lanes, gives CasADi's numbers."""
+"""SIMD: the C code of a function, compiled for 1, 4 and 8 doubles per vector, returns CasADi's numbers."""
 
 import ctypes
 import os
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp
-from piaffe.codegen import simd as lanes
+from piaffe.codegen import simd
 from piaffe.errors import ModelError
 from piaffe.models import base, joints, stance
 
@@ -24,10 +24,10 @@ pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler (gcc or 
 
 
 class Library:
-    """Functions compiled for one width; `call` takes and gives arrays (lanes, nonzeros)."""
+    """Functions compiled for one width; `call` has arguments and results (width, nonzeros)."""
 
     def __init__(self, functions: dict[str, cs.Function], width: int, folder: Path, **options: int) -> None:
-        units = lanes.generate(functions, **options)
+        units = simd.generate(functions, **options)
         self.functions, self.width, self.work = functions, width, units.work
         folder.mkdir(parents=True)
         for name, text in [*units.headers.items(), *((f"{unit.name}.c", unit.text) for unit in units.units)]:
@@ -175,14 +175,14 @@ def test_every_operation_agrees_with_casadi(operations, name):
 
 
 def test_every_operation_that_can_be_lowered_is_tested():
-    assert {getattr(cs, name) for name in OPERATIONS} == {*lanes._TEMPLATES, cs.OP_SIN, cs.OP_COS}
+    assert {getattr(cs, name) for name in OPERATIONS} == {*simd._TEMPLATES, cs.OP_SIN, cs.OP_COS}
 
 
 @pytest.mark.parametrize(("name", "function"), [("OP_ERFINV", cs.erfinv), ("OP_PRINTME", lambda x: x.printme(1))])
-def test_an_operation_without_a_lane_wise_form_is_named(name, function):
+def test_an_operation_without_a_simd_form_is_named(name, function):
     x = cs.SX.sym("x")
     with pytest.raises(ModelError, match=rf"function 'odd': .* got {name}, expected"):
-        lanes.generate({"odd": cs.Function("f", [x], [function(x)])})
+        simd.generate({"odd": cs.Function("f", [x], [function(x)])})
 
 
 def test_sine_and_cosine_are_exact_to_rounding(operations):
@@ -275,7 +275,7 @@ def test_values_cross_from_chunk_to_chunk(chunk, tmp_path):
 
 
 def test_generated_text_is_the_same_every_time():
-    first, second = (lanes.generate({"leg": leg(), **shapes()}, chunk=50, unit=100) for _ in range(2))
+    first, second = (simd.generate({"leg": leg(), **shapes()}, chunk=50, unit=100) for _ in range(2))
     assert first == second
     assert len({unit.name for unit in first.units}) == len(first.units) > 3
     assert [unit.instructions for unit in first.units] == sorted((u.instructions for u in first.units), reverse=True)
@@ -284,7 +284,7 @@ def test_generated_text_is_the_same_every_time():
 def test_sparsified_keeps_the_nonzeros_alone():
     x = cs.SX.sym("x", 3)
     dense = cs.Function("f", [x], [cs.densify(cs.diag(x**2)), cs.SX.zeros(4)], ["x"], ["square", "none"])
-    sparse = lanes.sparsified(dense)
+    sparse = simd.sparsified(dense)
     assert [sparse.nnz_out(i) for i in range(2)] == [3, 0]
     assert (sparse.name(), sparse.name_in(), sparse.name_out()) == ("f", ["x"], ["square", "none"])
     np.testing.assert_array_equal(sparse([1, 2, 3])[0].full(), np.diag([1, 4, 9]))
@@ -293,7 +293,7 @@ def test_sparsified_keeps_the_nonzeros_alone():
 @pytest.mark.parametrize("chunk", [0, -3])
 def test_sizes_are_positive(chunk):
     with pytest.raises(ValueError, match=f"got chunk={chunk}"):
-        lanes.generate({}, chunk=chunk)
+        simd.generate({}, chunk=chunk)
 
 
 @pytest.fixture(scope="module")
@@ -322,7 +322,7 @@ def shipped() -> dict[str, cs.Function]:
             groups["transition"] = phase.transition.functions  # of several the last, between the models
         for group, members in groups.items():
             prefix = "".join(c if c.isalnum() else "_" for c in group)
-            functions |= {f"{prefix}_{name}": lanes.sparsified(function) for name, function in members.items()}
+            functions |= {f"{prefix}_{name}": simd.sparsified(function) for name, function in members.items()}
     return functions
 
 

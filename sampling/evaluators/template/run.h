@@ -2,7 +2,7 @@
 #ifndef PIAFFE_RUN_H
 #define PIAFFE_RUN_H
 
-#include "lanes.h"
+#include "simd.h"
 
 #define MAX_ARGUMENTS 8
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from piaffe.codegen import SOLVER_FLAGS, Built, Origin, Sources, build, load, this_cpu
+from piaffe.codegen import SOLVER_FLAGS, Built, LazySources, Sources, build, load, this_cpu
 from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
 
 from .program import origin, program
@@ -65,7 +65,7 @@ def _library(structure: _Structure) -> Library:
         )
 
     built = build(
-        Origin([*origin(modes, links), *KERNEL_FLAGS], texts),
+        LazySources([*origin(modes, links), *KERNEL_FLAGS], texts),
         width=structure.width,
         label=" + ".join(dict.fromkeys(mode.model.name for mode in modes)),
         progress=structure.progress,

@@ -1,4 +1,4 @@
-"""Compiled C from CasADi functions: SIMD source generator, build, cache, compilers. Knows neither problem nor robot."""
+"""Compiled C from CasADi functions: SIMD code generator, build, cache, compilers; knows no problem and no robot."""
 
 from . import simd as simd
 from .build import SOLVER_FLAGS as SOLVER_FLAGS
@@ -14,7 +14,7 @@ from .cpu import this_cpu as this_cpu
 from .simd import generate as generate
 from .snippets import c_library as c_library
 from .snippets import pointer as pointer
-from .snippets import side_by_side as side_by_side
-from .sources import Origin as Origin
+from .snippets import run_in_parallel as run_in_parallel
+from .sources import LazySources as LazySources
 from .sources import Sources as Sources
 from .worker import Worker as Worker

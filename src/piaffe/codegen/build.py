@@ -1,4 +1,4 @@
-"""From C texts to a shared library: compiled in parallel, or found in the cache."""
+"""Build a shared library from C sources: compile them in parallel, or find the library in the cache."""
 
 from __future__ import annotations
 
@@ -17,32 +17,38 @@ from .cache import LIBRARY, Cache, Entry
 from .compilers import Compiler, candidates, working
 from .cpu import Cpu, available_cores, this_cpu
 from .processes import Runner
-from .sources import Origin, Sources
+from .sources import LazySources, Sources
 
 VERSION = "2"
-"""Part of every key: counted up when this module compiles differently."""
+"""Part of every key; increase it when a change of this module changes the compiled code."""
 
 _EXACT = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")  # NaN, infinities and rounding as in IEEE 754
 EXPRESSION_FLAGS = ("-O1", "-fexpensive-optimizations", *_EXACT, "{native}")
-"""For generated straight-line code, in which more costs minutes and gains little."""
+"""Flags for generated straight-line code; higher optimisation takes minutes and makes it hardly faster.
+
+``{native}`` is replaced by the flag for this processor.
+"""
 SOLVER_FLAGS = ("-O3", *_EXACT, "{native}")
-"""For the templates, whose loops have constant bounds. ``{native}`` becomes the flag for this processor."""
+"""Flags for the templates, whose loops have constant bounds."""
 
 Progress = Callable[[int, int, str], None]
-"""Called with steps done, steps in all, and the name of what was done last; in the caller's thread."""
+"""Called with the number of finished steps, the number of all steps, and the name of the last finished step.
+
+It runs in the caller's thread.
+"""
 
 
 @dataclass(frozen=True)
 class Built:
-    """A library to load.
+    """The result of :func:`build`.
 
     Args:
         path: the shared library.
-        built: whether it was compiled now; else it was in the cache.
-        seconds: how long that took.
+        built: whether this call compiled it; False if it was in the cache.
+        seconds: duration of the call [s].
         width: doubles per vector, ``PIAFFE_W``.
-        compiler: the version of who compiled it.
-        key: of its content.
+        compiler: version of the compiler.
+        key: digest of the library's sources, flags, compiler and processor; its name in the cache.
     """
 
     path: Path
@@ -55,29 +61,29 @@ class Built:
 
 @dataclass(frozen=True)
 class _Recipe:
-    """All that a library is made from, but for the compiler and the processor."""
+    """Everything that the content of a library depends on, except the compiler and the processor."""
 
-    origin: Origin
+    sources: LazySources
     flags: tuple[str, ...]
     link: tuple[str, ...]
     width: int
     version: str
 
     def key(self, compiler: Compiler, cpu: Cpu) -> str:
-        """Return the digest under which the library is kept."""
+        """Return the digest that names the library in the cache."""
         digest = hashlib.sha256()
         parts = [
             VERSION, self.version, str(self.width), compiler.identity, *compiler.flags, cpu.fingerprint, *self.link,
-            "flags", *self.flags, *self.origin.parts,
+            "flags", *self.flags, *self.sources.parts,
         ]  # fmt: skip
         for part in parts:
             encoded = part.encode()
-            digest.update(b"%d:" % len(encoded) + encoded)  # the length, lest two lists read the same
+            digest.update(b"%d:" % len(encoded) + encoded)  # with its length, so that different lists differ
         return digest.hexdigest()
 
 
 def build(
-    units: Sequence[tuple[str, str]] | Origin,
+    units: Sequence[tuple[str, str]] | LazySources,
     *,
     headers: Mapping[str, str] | None = None,
     flags: Sequence[str] = EXPRESSION_FLAGS,
@@ -89,51 +95,52 @@ def build(
     progress: Progress | None = None,
     cache: Cache | None = None,
 ) -> Built:
-    """Return a shared library of some translation units, from the cache or compiled now.
+    """Return a shared library of some translation units, from the cache or compiled by this call.
 
     Args:
-        units: name (an identifier) and C text of each; or where all texts come from, headers included.
-        headers: file name and text of what they include.
-        flags: for every unit that has none of its own; ``{native}`` stands for the flag for this processor.
-        flags_per_unit: flags by unit, instead of ``flags``.
-        link: further arguments when linking.
-        width: doubles per vector, which the texts read as ``PIAFFE_W``; as this processor likes it by default.
+        units: name (an identifier) and C source of each unit; or lazy sources, headers included.
+        headers: file name and text of the headers that the units include.
+        flags: flags of every unit without its own; ``{native}`` is replaced by the flag for this processor.
+        flags_per_unit: flags by unit, in place of ``flags``.
+        link: further arguments of the linker.
+        width: doubles per vector, the macro ``PIAFFE_W`` of the sources; by default the vector width of this processor.
         version: of the template; part of the key.
-        label: what the library is for, to be shown with the cache.
-        progress: called after each unit, and before the first.
-        cache: where to keep libraries; the user's by default.
+        label: purpose of the library, shown in the list of the cache.
+        progress: called before the first unit, and after each unit.
+        cache: the cache; by default the user's.
 
     Raises:
-        CompileError: the compiler refuses a unit, or the link.
-        NoCompilerError: no compiler works here.
-        SolverError: the arguments are at odds, or the cache cannot be written.
+        CompileError: a unit does not compile, or the link fails.
+        NoCompilerError: no compiler works on this machine.
+        SolverError: the arguments contradict each other, or the cache cannot be written.
     """
     began = time.perf_counter()
     cpu = this_cpu()
     cache = cache or Cache()
-    if isinstance(units, Origin):
+    if isinstance(units, LazySources):
         if headers or flags_per_unit:
             raise SolverError(
-                "build: headers and flags of an origin's texts - got them as arguments, expected none; let its texts "
-                "have them"
+                "build: headers or flags beside lazy sources - got them as arguments, expected none; put them into the "
+                "sources"
             )
-        origin = units
+        sources = units
     else:
-        texts = Sources(tuple(units), dict(headers or {}), dict(flags_per_unit or {}))
-        origin = Origin(texts.parts, lambda: texts)
-    recipe = _Recipe(origin, tuple(flags), tuple(link), _checked_width(cpu.lanes if width is None else width), version)
+        given = Sources(tuple(units), dict(headers or {}), dict(flags_per_unit or {}))
+        sources = LazySources(given.parts, lambda: given)
+    checked = _checked_width(cpu.vector_width if width is None else width)
+    recipe = _Recipe(sources, tuple(flags), tuple(link), checked, version)
 
     def result(entry: Entry, key: str, compiler: Compiler, built: bool) -> Built:
         seconds = time.perf_counter() - began
         return Built(entry.library, built, seconds, recipe.width, compiler.version, key)
 
-    for compiler in candidates():  # before any is put to the test, which takes longer than to find
+    for compiler in candidates():  # before any compiler is tested, because a test takes longer than this search
         key = recipe.key(compiler, cpu)
         if (entry := cache.find(key, cpu)) is not None:
             return result(entry, key, compiler, False)
     compiler = working()
     key = recipe.key(compiler, cpu)
-    made = origin.texts()
+    made = sources.make()
     steps = len(made.units) + 1
 
     def waiting() -> None:
@@ -141,7 +148,7 @@ def build(
             progress(0, steps, "another process is building this")
 
     with cache.building(key, waiting) as folder:
-        if (entry := cache.find(key, cpu)) is not None:  # by whom we have waited for
+        if (entry := cache.find(key, cpu)) is not None:  # another process has built it in the meantime
             return result(entry, key, compiler, False)
         library = _compile(recipe, made, compiler, cpu, folder, progress)
         about = {
@@ -152,51 +159,55 @@ def build(
 
 
 def load(built: Built) -> ctypes.CDLL:
-    """Load a library, after a last look at whether it is whole and made for this processor.
+    """Load a library, after a check that it is complete and built for this processor.
 
     Raises:
-        SolverError: it is not, or it is gone.
+        SolverError: it is damaged, built for another processor or missing, or it cannot be loaded.
     """
     if Cache(built.path.parent.parent).find(built.key, this_cpu()) is None:
-        got = "one that is damaged or was made for another processor" if built.path.exists() else "no file"
-        raise SolverError(f"library '{built.path}': not loaded - got {got}, expected what was built; build it again")
+        got = "a file that is damaged or was built for another processor" if built.path.exists() else "no file"
+        raise SolverError(f"library '{built.path}': not loaded - got {got}, expected the built file; build it again")
     try:
         return ctypes.CDLL(str(built.path))
     except OSError as error:
         raise SolverError(
-            f"library '{built.path}': not loaded - got {error}, expected a shared library that may be executed; set "
+            f"library '{built.path}': not loaded - got {error}, expected a shared library that can be executed; set "
             "PIAFFE_CACHE to a folder on a file system without 'noexec'"
         ) from error
 
 
 def _checked_width(width: int) -> int:
     if width not in (1, 2, 4, 8):
-        raise SolverError(f"build: width - got {width}, expected 1, 2, 4 or 8; leave it out for this machine's")
+        raise SolverError(
+            f"build: width is not supported - got {width}, expected 1, 2, 4 or 8; leave it out for this processor's"
+        )
     return width
 
 
-def _written(flags: Sequence[str], width: int, cpu: Cpu) -> tuple[str, ...]:
-    """Return flags as the compiler reads them."""
+def _expanded(flags: Sequence[str], width: int, cpu: Cpu) -> tuple[str, ...]:
+    """Return flags with ``{native}`` replaced."""
     wide = ("-mprefer-vector-width=512",) if width == 8 and cpu.machine == "x86_64" else ()
     return tuple(word for flag in flags for word in ((cpu.native, *wide) if flag == "{native}" else (flag,)))
 
 
 def _compile(
-    recipe: _Recipe, texts: Sources, compiler: Compiler, cpu: Cpu, folder: Path, progress: Progress | None
+    recipe: _Recipe, sources: Sources, compiler: Compiler, cpu: Cpu, folder: Path, progress: Progress | None
 ) -> Path:
-    """Compile and link in a private folder; return the library's file in it."""
-    told = progress or (lambda done, steps, name: None)
-    for name, text in texts.headers.items():
+    """Compile and link in a private folder; return the path of the library in it."""
+    report = progress or (lambda done, steps, name: None)
+    for name, text in sources.headers.items():
         _write(folder / name, text)
-    for name, text in texts.units:
+    for name, text in sources.units:
         _write(folder / f"{name}.c", text)
-    steps = len(texts.units) + 1
-    told(0, steps, "")
+    steps = len(sources.units) + 1
+    report(0, steps, "")
     runner = Runner(compiler, folder)
     common = ("-std=gnu11", "-fPIC", "-w", f"-DPIAFFE_W={recipe.width}")
-    flags = {name: _written(texts.flags_per_unit.get(name, recipe.flags), recipe.width, cpu) for name, _ in texts.units}
-    longest_first = sorted(texts.units, key=lambda unit: -len(unit[1]))
-    with ThreadPoolExecutor(min(len(texts.units), available_cores())) as pool:
+    flags = {
+        name: _expanded(sources.flags_per_unit.get(name, recipe.flags), recipe.width, cpu) for name, _ in sources.units
+    }
+    longest_first = sorted(sources.units, key=lambda unit: -len(unit[1]))
+    with ThreadPoolExecutor(min(len(sources.units), available_cores())) as pool:
         try:
             jobs = {
                 pool.submit(runner, name, (*common, *flags[name], "-c", f"{name}.c", "-o", f"{name}.o")): name
@@ -204,16 +215,16 @@ def _compile(
             }
             for done, job in enumerate(as_completed(jobs), start=1):
                 job.result()
-                told(done, steps, jobs[job])
+                report(done, steps, jobs[job])
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             runner.stop()
             raise
-    # what is missing is to show now, not when the library is loaded; a sanitizer comes with the program
-    whole = () if any(flag.startswith("-fsanitize") for flag in recipe.link) else ("-Wl,-z,defs",)
-    objects = [f"{name}.o" for name, _ in texts.units]
-    runner("link", ("-shared", "-o", LIBRARY, *objects, *whole, *recipe.link))
-    told(steps, steps, "link")
+    # undefined symbols are errors of the link, not of loading; with a sanitizer, the main program defines some
+    complete = () if any(flag.startswith("-fsanitize") for flag in recipe.link) else ("-Wl,-z,defs",)
+    objects = [f"{name}.o" for name, _ in sources.units]
+    runner("link", ("-shared", "-o", LIBRARY, *objects, *complete, *recipe.link))
+    report(steps, steps, "link")
     return folder / LIBRARY
 
 
@@ -222,6 +233,6 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise SolverError(
-            f"cache '{path.parent.parent.parent}': cannot be written - got {error.strerror or error}, expected room "
-            "for C texts and a library; free some, or set PIAFFE_CACHE to another folder"
+            f"cache '{path.parent.parent.parent}': cannot be written - got {error.strerror or error}, expected space "
+            "for C sources and a library; free some space, or set PIAFFE_CACHE to another folder"
         ) from error

@@ -1,10 +1,10 @@
-"""The user's cache of compiled libraries: found by content, never half written, bounded in size.
+"""The user's cache of compiled libraries: indexed by content, written atomically, of limited size.
 
-A library lies with its manifest in a folder named by its key, and that folder appears by one rename::
+A library and its manifest are in a folder whose name is the library's key. One rename puts this folder into place::
 
-    <key>/library.so, manifest.json     manifest.json's time is that of the last use
-    building/<key>-<random>/            private to one builder; swept when nobody holds the lock
-    locks/<first two digits of key>     held by a builder; the system lets go of it when the builder dies
+    <key>/library.so, manifest.json     the time stamp of manifest.json is that of the last use
+    building/<key>-<random>/            private to one building process; removed later if that process was killed
+    locks/<first two digits of key>     locked by a building process; the system unlocks it when the process ends
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from .cpu import Cpu
 
 FORMAT = 1
 LIMIT = 2**30
-"""Size that the cache is kept below by default [bytes]."""
+"""Default limit of the cache's size [bytes]."""
 LIBRARY, MANIFEST = "library.so", "manifest.json"
 PATIENCE_S = 600.0
-"""How long to wait for another builder of the same library before building it as well."""
+"""Time to wait for another process that builds the same library, before building it here, too [s]."""
 
 _KEY = re.compile(r"[0-9a-f]{64}")
 _LOCK = re.compile(r"[0-9a-f]{2}")
 _POLL_S = 0.05
-_RECENT_S = 60.0  # what was used so recently may be about to be loaded
-_STALE_S = 86400.0  # a private folder of that age without a lock is left over
+_RECENT_S = 60.0  # a library that was used in this time is not removed: a process may be about to load it
+_STALE_S = 86400.0  # a private folder of this age without a lock belongs to a killed process
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class Entry:
     """A library in the cache.
 
     Args:
-        folder: where it lies.
-        manifest: what was written with it.
-        size: of the folder [bytes].
-        used: when it was last used [s since the epoch].
+        folder: its folder.
+        manifest: the content of its manifest.
+        size: size of the folder [bytes].
+        used: time of the last use [s since the epoch].
     """
 
     folder: Path
@@ -69,7 +69,7 @@ def default_folder() -> Path:
     if own:
         return Path(own).expanduser().absolute() / "native"
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    root = given if given.is_absolute() else Path("~/.cache").expanduser()  # a relative one is to be ignored
+    root = given if given.is_absolute() else Path("~/.cache").expanduser()  # the standard ignores a relative path
     return root / "piaffe" / "native"
 
 
@@ -77,32 +77,32 @@ class Cache:
     """A folder of compiled libraries, shared by any number of processes.
 
     Args:
-        folder: where; the user's cache by default.
-        limit: size to keep below [bytes]; what was not used for longest goes first.
+        folder: its folder; the user's cache by default.
+        limit: largest size [bytes]; beyond it, the libraries with the oldest use are removed.
     """
 
     def __init__(self, folder: Path | None = None, *, limit: int = LIMIT) -> None:
         self.folder = default_folder() if folder is None else folder
         self.limit = limit
 
-    # ---- finding
+    # ---- reading
 
     def find(self, key: str, cpu: Cpu) -> Entry | None:
-        """Return a library and mark it as used, or None if it is absent, damaged or made for another processor."""
+        """Return a library and mark it as used; None if it is missing, damaged or built for another processor."""
         entry = self._read(self.folder / key)
         if entry is None or entry.manifest.get("key") != key or fault_of(entry, cpu):
             return None
-        with suppress(OSError):  # a cache that is only read is of use, too
+        with suppress(OSError):  # a read-only cache can be used, too
             os.utime(entry.folder / MANIFEST)
         return entry
 
     def entries(self) -> list[Entry]:
-        """Return all libraries, the last used first."""
-        found = [self._read(path) for path in self._listed(self.folder, _KEY)]
-        return sorted((entry for entry in found if entry is not None), key=lambda entry: -entry.used)
+        """Return all libraries, the most recently used first."""
+        entries = [self._read(path) for path in self._listed(self.folder, _KEY)]
+        return sorted((entry for entry in entries if entry is not None), key=lambda entry: -entry.used)
 
     def size(self) -> int:
-        """Return the size of all that lies in the cache, leftovers included [bytes]."""
+        """Return the size of all files in the cache's folder, those of killed processes included [bytes]."""
         return _size(self.folder)
 
     @staticmethod
@@ -128,11 +128,11 @@ class Cache:
 
     @contextmanager
     def building(self, key: str, waiting: Callable[[], None] | None = None) -> Iterator[Path]:
-        """Hold the right to build a library; yields a private folder that is gone afterwards.
+        """Lock the key of a library for building, and yield a private folder, which is removed afterwards.
 
         Args:
             key: of the library.
-            waiting: called once if another builder has to be waited for.
+            waiting: called once if this process has to wait for another one that builds the library.
 
         Raises:
             SolverError: the folder cannot be written.
@@ -151,12 +151,12 @@ class Cache:
                 shutil.rmtree(private, ignore_errors=True)
 
     def store(self, key: str, library: Path, manifest: Mapping[str, Any]) -> Entry:
-        """Put a library that lies in a private folder where all find it; then make room.
+        """Move a library from a private folder to its place in the cache; then apply the size limit.
 
         Args:
             key: of the library.
             library: the file; it is moved.
-            manifest: what is worth knowing about it; ``cpu`` has to be the processor's fingerprint.
+            manifest: information about it; ``cpu`` must be the processor's fingerprint.
         """
         with self._writing():
             ready = library.parent / f"ready-{secrets.token_hex(4)}"
@@ -181,7 +181,7 @@ class Cache:
                 except OSError:
                     if not target.exists():
                         raise
-                    self._remove(target)  # damaged, or of another processor: nobody builds what is there and good
+                    self._remove(target)  # it is damaged, or built for another processor
         self.trim(keep=key)
         return Entry(target, about, _size(target), time.time())
 
@@ -191,36 +191,36 @@ class Cache:
             yield
         except OSError as error:
             raise SolverError(
-                f"cache '{self.folder}': cannot be written - got {error.strerror or error}, expected a folder of "
-                "your own with room in it; set PIAFFE_CACHE to another one"
+                f"cache '{self.folder}': cannot be written - got {error.strerror or error}, expected a folder that you "
+                "may write, with free space; set PIAFFE_CACHE to another one"
             ) from error
 
     @contextmanager
     def _locked(self, name: str, waiting: Callable[[], None] | None = None) -> Iterator[bool]:
-        """Hold a lock; yields whether it is held: not where there are no locks, or if its owner takes too long."""
+        """Hold a lock and yield whether it is held; False if files cannot be locked, or its owner takes too long."""
         with self._writing():
             stream = (self.folder / "locks" / name).open("wb")
         with stream:
-            locked = _take(stream.fileno())
+            locked = _try_lock(stream.fileno())
             if locked is False and waiting is not None:
                 waiting()
             deadline = time.monotonic() + PATIENCE_S
             while locked is False and time.monotonic() < deadline:
                 time.sleep(_POLL_S)
-                locked = _take(stream.fileno())
+                locked = _try_lock(stream.fileno())
             try:
                 yield bool(locked)
             finally:
                 if locked:
-                    fcntl.flock(stream.fileno(), fcntl.LOCK_UN)  # closing does not: a fork may hold a copy
+                    fcntl.flock(stream.fileno(), fcntl.LOCK_UN)  # closing is not enough: a fork may have a copy
 
     # ---- removing
 
     def trim(self, keep: str = "") -> int:
-        """Remove what was not used for longest until the rest is within the limit; return how many were removed.
+        """Remove the libraries with the oldest use until the size is within the limit; return how many were removed.
 
         Args:
-            keep: key of a library that stays.
+            keep: key of a library that is not removed.
         """
         entries = self.entries()
         total = sum(entry.size for entry in entries)
@@ -234,10 +234,10 @@ class Cache:
         return removed
 
     def clear(self) -> tuple[int, int]:
-        """Remove every library and what killed builders left; builds under way go on.
+        """Remove every library and the files of killed processes; builds that are running continue.
 
         Returns:
-            How many libraries were removed, and what has become free [bytes].
+            The number of removed libraries, and the freed space [bytes].
         """
         before = self.size()
         removed = sum(self._remove(path) for path in self._listed(self.folder, _KEY))
@@ -248,12 +248,12 @@ class Cache:
 
     def _sweep_if_free(self, name: str) -> None:
         with suppress(OSError), (self.folder / "locks" / name).open("wb") as stream:
-            if _take(stream.fileno()):
+            if _try_lock(stream.fileno()):
                 self._sweep(name)
                 fcntl.flock(stream.fileno(), fcntl.LOCK_UN)
 
     def _sweep(self, name: str) -> None:
-        """Remove the private folders that belong to a lock held here, and any that is older than a day."""
+        """Remove the private folders of a lock that this process holds, and all that are older than a day."""
         for path in self._listed(self.folder / "building", re.compile(r"[\w-]+")):
             with suppress(OSError):
                 age = time.time() - path.stat().st_mtime
@@ -261,7 +261,7 @@ class Cache:
                     shutil.rmtree(path, ignore_errors=True)
 
     def _remove(self, folder: Path) -> int:
-        """Take a library away at once, then delete it; return 1, or 0 if another process was faster."""
+        """Rename a library's folder and delete it; return 1, or 0 if another process has removed it before."""
         away = self.folder / "building" / f"{folder.name}-{secrets.token_hex(8)}"
         try:
             away.parent.mkdir(exist_ok=True, mode=0o700)
@@ -273,7 +273,7 @@ class Cache:
 
 
 def fault_of(entry: Entry, cpu: Cpu) -> str:
-    """Return why a library must not be loaded here, in a few words, or nothing if it may."""
+    """Return in a few words why a library must not be loaded on this machine; empty if it may be loaded."""
     about = entry.manifest
     if about.get("format") != FORMAT:
         return f"its manifest has format {about.get('format')!r}"
@@ -289,8 +289,8 @@ def fault_of(entry: Entry, cpu: Cpu) -> str:
     return "" if digest == about.get("sha256") else "its content has changed"
 
 
-def _take(descriptor: int) -> bool | None:
-    """Try to take a lock: whether it was free, or None where files cannot be locked."""
+def _try_lock(descriptor: int) -> bool | None:
+    """Try to lock a file; return whether it is locked now, or None if files cannot be locked."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

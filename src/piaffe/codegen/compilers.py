@@ -1,4 +1,4 @@
-"""C compilers: those of this machine, what they call themselves, and whether they work."""
+"""C compilers: find those of this machine, identify them, and test whether they work."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ Kind = Literal["gcc", "clang", "zig"]
 
 ADVICE = "pip install 'piaffe[compiler]', or install gcc or clang"
 _NAMES = ("cc", "gcc", "clang")
-_ASK_S = 30.0  # for --version
-_TRIAL_S = 180.0  # zig builds parts of its own library the first time
+_VERSION_TIMEOUT_S = 30.0
+_TRIAL_TIMEOUT_S = 180.0  # zig builds parts of its own library the first time
 _TRIAL = """
 #include <math.h>
 typedef double vd __attribute__((vector_size(32)));
@@ -43,11 +43,11 @@ sys.exit(trial(-1.5) != 24.0**0.5)
 
 
 class NoCompilerError(SolverError):
-    """No C compiler works here."""
+    """No C compiler works on this machine."""
 
 
 class NoCompilerWarning(UserWarning):
-    """Compiled C was asked for, and no C compiler works here."""
+    """No C compiler works on this machine, so that NumPy code is used in place of compiled C."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Compiler:
     """A C compiler.
 
     Args:
-        command: how to call it; more than one word where it needs arguments of its own.
-        kind: whose flags it takes.
-        version: the first line that it says about itself.
+        command: its command line; more than one word if it needs arguments.
+        kind: the compiler whose flags it accepts.
+        version: the first line of its output for ``--version``.
     """
 
     command: tuple[str, ...]
@@ -66,13 +66,13 @@ class Compiler:
 
     @property
     def identity(self) -> str:
-        """What a compiled library depends on; not where the compiler lies."""
+        """The compiler's properties that a compiled library depends on; its path is not one of them."""
         return "\n".join((self.kind, self.version, *self.command[1:]))
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """What this kind needs, compiling and linking."""
-        return ("-fno-sanitize=undefined", "-g0") if self.kind == "zig" else ()  # zig alone does both unasked
+        """Flags that this kind needs for compiling and linking."""
+        return ("-fno-sanitize=undefined", "-g0") if self.kind == "zig" else ()  # zig enables both by default
 
     def __str__(self) -> str:
         return self.version
@@ -82,7 +82,7 @@ def candidates() -> Iterator[Compiler]:
     """Yield the compilers of this machine, best first: ``CC`` alone if it is set; else cc, gcc, clang, ziglang.
 
     Raises:
-        NoCompilerError: ``CC`` is set to what is no compiler.
+        NoCompilerError: ``CC`` is set, but not to a compiler.
     """
     wanted = os.environ.get("CC", "").strip()
     if wanted:
@@ -92,7 +92,7 @@ def candidates() -> Iterator[Compiler]:
             command = (wanted,)
         compiler = identify(command)
         if compiler is None:
-            raise _useless(f"CC={wanted!r}", "a command that does not answer to --version")
+            raise _not_working(f"CC={wanted!r}", "a command that prints nothing for --version")
         yield compiler
         return
     seen = set()
@@ -109,7 +109,7 @@ def candidates() -> Iterator[Compiler]:
 
 
 def working() -> Compiler:
-    """Return the first compiler that compiles vectors, links a library, and whose library loads.
+    """Return the first compiler that compiles vectors and links a library that can be loaded.
 
     Raises:
         NoCompilerError: there is none.
@@ -121,14 +121,14 @@ def working() -> Compiler:
             return compiler
         tried.append(f"{shlex.join(compiler.command)} ({fault})")
     if os.environ.get("CC", "").strip():
-        raise _useless(f"CC={os.environ['CC']!r}", tried[0])
+        raise _not_working(f"CC={os.environ['CC']!r}", tried[0])
     raise NoCompilerError(
         f"native backend: no C compiler - got {', '.join(tried) or 'none'}, expected cc, gcc or clang on the path, or "
         f"the package ziglang; {ADVICE}"
     )
 
 
-def _useless(where: str, got: str) -> NoCompilerError:
+def _not_working(where: str, got: str) -> NoCompilerError:
     return NoCompilerError(
         f"native backend: {where} does not work - got {got}, expected gcc or clang for this machine; set CC to one, "
         "or unset it"
@@ -137,26 +137,26 @@ def _useless(where: str, got: str) -> NoCompilerError:
 
 @cache
 def identify(command: tuple[str, ...]) -> Compiler | None:
-    """Return what answers to a command, or None if nothing does."""
-    said = _ask((*command, "--version"))
-    if not said:
+    """Return the compiler that a command calls; None if the command does not print a version."""
+    output = _output((*command, "--version"))
+    if not output:
         return None
-    version = said.splitlines()[0].strip()
+    version = output.splitlines()[0].strip()
     if command[-2:] == ("ziglang", "cc") or (Path(command[0]).name == "zig" and command[1:2] == ("cc",)):
-        release = _ask((*command[:-1], "version")) or "?"
+        release = _output((*command[:-1], "version")) or "?"
         return Compiler(command, "zig", f"zig {release.strip()}, {version}")
-    if "Free Software Foundation" in said:
-        return Compiler(
-            command, "gcc", " ".join(("gcc", *version.split()[1:]))
-        )  # it begins with the name it is called by
+    if "Free Software Foundation" in output:
+        name = " ".join(("gcc", *version.split()[1:]))  # gcc prints the name of its command first
+        return Compiler(command, "gcc", name)
     return Compiler(command, "clang", version)
 
 
-def _ask(command: tuple[str, ...]) -> str:
+def _output(command: tuple[str, ...]) -> str:
+    """Return the output of a command; empty if it fails."""
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=_ASK_S, stdin=subprocess.DEVNULL,
-            env={**os.environ, "LC_ALL": "C"},
+            command, capture_output=True, text=True, errors="replace", timeout=_VERSION_TIMEOUT_S,
+            stdin=subprocess.DEVNULL, env={**os.environ, "LC_ALL": "C"},
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):
         return ""
@@ -165,7 +165,7 @@ def _ask(command: tuple[str, ...]) -> str:
 
 @cache
 def fault_of(compiler: Compiler) -> str:
-    """Return why a compiler is of no use here, in a few words, or nothing if it works."""
+    """Return in a few words why a compiler does not work on this machine; empty if it works."""
     with tempfile.TemporaryDirectory(prefix="piaffe-") as folder:
         source, library = Path(folder, "trial.c"), Path(folder, "trial.so")
         source.write_text(_TRIAL, encoding="utf-8")
@@ -173,14 +173,14 @@ def fault_of(compiler: Compiler) -> str:
         try:
             made = subprocess.run(
                 [*compiler.command, *flags, str(source), "-o", str(library), "-lm"],
-                capture_output=True, text=True, errors="replace", timeout=_TRIAL_S, stdin=subprocess.DEVNULL,
+                capture_output=True, text=True, errors="replace", timeout=_TRIAL_TIMEOUT_S, stdin=subprocess.DEVNULL,
                 env={**os.environ, "LC_ALL": "C", "TMPDIR": folder, "ZIG_LOCAL_CACHE_DIR": folder},
             )  # fmt: skip
             if made.returncode:
                 return f"a small program does not compile: {first_lines(made.stderr, 1) or made.returncode}"
-            loaded = subprocess.run(  # apart: what was made for another processor would end this process
+            loaded = subprocess.run(  # in a process of its own: code for another processor would kill this one
                 [sys.executable, "-I", "-S", "-c", _LOAD, str(library)],
-                capture_output=True, text=True, errors="replace", timeout=_TRIAL_S, stdin=subprocess.DEVNULL,
+                capture_output=True, text=True, errors="replace", timeout=_TRIAL_TIMEOUT_S, stdin=subprocess.DEVNULL,
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
             return str(error)
@@ -190,9 +190,9 @@ def fault_of(compiler: Compiler) -> str:
     return ""
 
 
-def first_lines(said: str, count: int) -> str:
-    """Return the first lines of a compiler's message, from the first that speaks of an error."""
-    lines = [line.rstrip() for line in said.splitlines() if line.strip()]
+def first_lines(output: str, count: int) -> str:
+    """Return the first lines of a compiler's output, from the first line that contains an error."""
+    lines = [line.rstrip() for line in output.splitlines() if line.strip()]
     begin = next((i for i, line in enumerate(lines) if "error" in line.lower() or "undefined" in line.lower()), 0)
     shown = lines[begin : begin + count]
     more = len(lines) - begin - len(shown)

@@ -1,4 +1,4 @@
-"""This machine's processor: how many doubles it takes at once, and a fingerprint that no other kind shares."""
+"""This machine's processor: its vector width, and a fingerprint that identifies its kind."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _FEATURES = ("flags", "Features")
 
 @dataclass(frozen=True)
 class Cpu:
-    """A processor, as far as compiled code depends on it.
+    """The properties of a processor that compiled code depends on.
 
     Args:
         machine: the architecture, e.g. ``"x86_64"``.
-        name: for people.
-        identity: vendor, family and model: what ``-march=native`` tunes for.
-        features: those that every core has, e.g. ``"avx2"``.
-        libc: the C library's version; code linked against a newer one does not load.
+        name: the name to show.
+        identity: vendor, family and model, for which ``-march=native`` optimises.
+        features: the features of every core, e.g. ``"avx2"``.
+        libc: version of the C library; code that was linked with a newer version does not load.
     """
 
     machine: str
@@ -35,20 +35,20 @@ class Cpu:
     libc: str = ""
 
     @property
-    def lanes(self) -> int:
-        """Doubles per vector: 8 with AVX-512, 4 with AVX2 or as pairs of NEON registers, else 1."""
+    def vector_width(self) -> int:
+        """Doubles per vector: 8 with AVX-512, 4 with AVX2 or NEON (a pair of registers), else 1."""
         if "avx512f" in self.features:
             return 8
         return 4 if self.features & {"avx2", "asimd"} else 1
 
     @property
     def native(self) -> str:
-        """The compiler's flag for code that only this processor has to run."""
+        """The compiler's flag for code that runs on this processor only."""
         return "-mcpu=native" if self.machine in ("aarch64", "arm64") else "-march=native"
 
     @property
     def fingerprint(self) -> str:
-        """Hexadecimal digits that differ wherever compiled code might not run."""
+        """Hexadecimal digits; compiled code runs on processors with the same fingerprint."""
         parts = (self.machine, self.libc, *self.identity, *sorted(self.features))
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
@@ -57,7 +57,7 @@ class Cpu:
 
 
 def parse(cpuinfo: str, machine: str, libc: str = "") -> Cpu:
-    """Return the processor that a text like ``/proc/cpuinfo`` describes."""
+    """Return the processor that the text of ``/proc/cpuinfo`` describes."""
     name = ""
     identity: set[str] = set()
     cores: set[frozenset[str]] = set()
@@ -88,5 +88,5 @@ def this_cpu() -> Cpu:
 
 
 def available_cores() -> int:
-    """Return the number of cores that this process may run on."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

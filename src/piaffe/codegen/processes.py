@@ -1,4 +1,4 @@
-"""Compilers at work: processes that can be stopped, and what they say when they refuse a text."""
+"""Processes that compile: they can be stopped, and their errors become exceptions."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from piaffe.errors import SolverError
 
 from .compilers import Compiler, first_lines
 
-_LINES = 12  # of a compiler's message
+_LINES = 12  # of a compiler's output, shown in the error
 
 
 class CompileError(SolverError):
-    """The compiler refuses a text.
+    """A translation unit does not compile, or the link fails.
 
     Args:
-        text: what to tell.
+        text: the message.
         unit: name of the translation unit, or ``"link"``.
-        said: all that the compiler said.
+        output: the whole output of the compiler.
     """
 
-    def __init__(self, text: str, unit: str, said: str) -> None:
-        self.unit, self.said = unit, said
+    def __init__(self, text: str, unit: str, output: str) -> None:
+        self.unit, self.output = unit, output
         super().__init__(text)
 
 
 @dataclass
 class Runner:
-    """Runs compilers in a folder, from several threads, until it is stopped."""
+    """Runs compilers in a folder; several threads may call it."""
 
     compiler: Compiler
     folder: Path
@@ -50,7 +50,7 @@ class Runner:
             CompileError: it fails.
         """
         command = [*self.compiler.command, *self.compiler.flags, *arguments]
-        own = str(self.folder)  # for what compilers leave when they are killed
+        own = str(self.folder)  # a killed compiler leaves temporary files: they are removed with this folder
         with self._lock:
             if self.stopped:
                 return
@@ -64,8 +64,8 @@ class Runner:
                 raise self._error(unit, command, str(error)) from error
             self._running.add(process)
         try:
-            said, _ = process.communicate()
-        except BaseException:  # interrupted while linking, which this thread does itself
+            output, _ = process.communicate()
+        except BaseException:  # an interrupt while linking, which runs in the main thread
             _kill(process)
             process.wait()
             raise
@@ -74,25 +74,26 @@ class Runner:
                 self._running.discard(process)
         if process.returncode and not self.stopped:
             killed = f"killed by {signal.Signals(-process.returncode).name}" if process.returncode < 0 else ""
-            raise self._error(unit, command, said.strip() or killed or f"exit code {process.returncode}")
+            raise self._error(unit, command, output.strip() or killed or f"exit code {process.returncode}")
 
     def stop(self) -> None:
-        """Kill every compiler that runs, with what it has started; start no other."""
+        """Kill every running compiler and its child processes; later calls start no compiler."""
         with self._lock:
             self.stopped = True
             for process in self._running:
                 _kill(process)
 
-    def _error(self, unit: str, command: Sequence[str], said: str) -> CompileError:
+    def _error(self, unit: str, command: Sequence[str], output: str) -> CompileError:
         return CompileError(
-            f"native backend, unit '{unit}': {self.compiler.version} refuses it - got\n{first_lines(said, _LINES)}\n"
-            f"expected no error; set CC to another compiler, or use backend=\"numpy\"\n(it ran {shlex.join(command)})",
-            unit, said,
+            f"native backend, unit '{unit}': {self.compiler.version} fails - got\n{first_lines(output, _LINES)}\n"
+            f"expected no error; set CC to another compiler, or use backend=\"numpy\"\n"
+            f"(the command was {shlex.join(command)})",
+            unit, output,
         )  # fmt: skip
 
 
 def _kill(process: subprocess.Popen[str]) -> None:
-    """Kill a compiler and what it has started; it leads a group of its own."""
+    """Kill a compiler and its child processes: they are a process group."""
     if process.returncode is None:
         with contextlib.suppress(OSError):
             os.killpg(process.pid, signal.SIGKILL)

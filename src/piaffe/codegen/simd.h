@@ -1,11 +1,12 @@
-/* Lane-wise arithmetic: a vd holds one number of PIAFFE_W nodes. C11 with the vector extensions of gcc and clang.
+/* SIMD arithmetic: a vd holds one number of each of PIAFFE_W nodes, one node per lane. C11 with the vector extensions
+   of gcc and clang.
 
-   Comparisons and logical operations give 0.0 or 1.0 in each lane, and any other number but zero counts as true.
-   Memory of vd is aligned to its size. Compile without -ffast-math; -ffp-contract=fast, -fno-math-errno and
-   -fno-trapping-math are fine. With AVX, gcc at -O1 wants -fexpensive-optimizations (-O2 has it): without it no
-   vzeroupper stands before calls of the C library, and each takes twenty times as long. */
-#ifndef PIAFFE_LANES_H
-#define PIAFFE_LANES_H
+   Comparisons and logical operations return 0.0 or 1.0 in each lane; as operands, all numbers but zero are true.
+   Arrays of vd are aligned to its size. Do not compile with -ffast-math; -ffp-contract=fast, -fno-math-errno and
+   -fno-trapping-math are allowed. With AVX, gcc at -O1 needs -fexpensive-optimizations (-O2 includes it): without it,
+   gcc omits vzeroupper before calls of the C library, and each call takes twenty times as long. */
+#ifndef PIAFFE_SIMD_H
+#define PIAFFE_SIMD_H
 
 #include <math.h>
 
@@ -14,7 +15,7 @@
 #endif
 
 #define LANE static inline __attribute__((unused))
-#define LANE_CALL static __attribute__((unused, noinline)) /* long, and used rarely: a call keeps the code small */
+#define LANE_CALL static __attribute__((unused, noinline)) /* long and rarely used functions: calls keep the code small */
 
 #if PIAFFE_W == 1
 typedef double vd;
@@ -36,7 +37,7 @@ LANE vd lane_from(vi a) { return (vd)a; }
 #define LANE_TRUE(c) ((vi)(c))
 #endif
 
-/* ---- selections: a mask is all ones or all zeros in each lane */
+/* ---- selections: in each lane, the bits of a mask are all ones or all zeros */
 LANE vd lane_keep(vi mask, vd a) { return lane_from(mask & lane_bits(a)); }
 LANE vd lane_select(vi mask, vd a, vd b) { return lane_from((mask & lane_bits(a)) | (~mask & lane_bits(b))); }
 LANE vd lane_truth(vi mask) { return lane_keep(mask, K(1.0)); }
@@ -49,7 +50,7 @@ LANE vd lane_not(vd a) { return lane_truth(LANE_TRUE(a == K(0.0))); }
 LANE vd lane_and(vd a, vd b) { return lane_truth(LANE_TRUE(a != K(0.0)) & LANE_TRUE(b != K(0.0))); }
 LANE vd lane_or(vd a, vd b) { return lane_truth(LANE_TRUE(a != K(0.0)) | LANE_TRUE(b != K(0.0))); }
 LANE vd lane_if_else_zero(vd a, vd b) { return lane_keep(LANE_TRUE(a != K(0.0)), b); }
-/* as C's fmin and fmax: of a number and a NaN, the number */
+/* like C's fmin and fmax: if one argument is NaN, the result is the other */
 LANE vd lane_fmin(vd a, vd b) { return lane_select(LANE_TRUE(a < b) | LANE_TRUE(b != b), a, b); }
 LANE vd lane_fmax(vd a, vd b) { return lane_select(LANE_TRUE(a > b) | LANE_TRUE(b != b), a, b); }
 
@@ -64,7 +65,7 @@ LANE vd lane_sign(vd a)
     return lane_select(LANE_TRUE(a < K(0.0)), K(-1.0), lane_select(LANE_TRUE(a > K(0.0)), K(1.0), a));
 }
 
-/* ---- the C library, lane by lane */
+/* ---- functions of the C library, called for each lane */
 #if PIAFFE_W == 1
 #define LANE_UNARY(f) LANE vd lane_##f(vd a) { return f(a); }
 #define LANE_BINARY(f) LANE vd lane_##f(vd a, vd b) { return f(a, b); }
@@ -96,21 +97,21 @@ LANE_BINARY(fmod)
 LANE_BINARY(remainder)
 LANE_BINARY(hypot)
 
-/* ---- n equal numbers */
+/* ---- store n equal numbers */
 LANE void lane_fill(vd *restrict r, int n, vd a)
 {
     for (int i = 0; i < n; i++)
         r[i] = a;
 }
 
-/* ---- sine and cosine, of all lanes together
+/* ---- sine and cosine of all lanes at once
 
-   x = n pi/2 + r with |r| <= pi/4; pi/2 in three parts of 33 bits and less, so that n times a part is exact for
-   |n| < 2^20. Then the minimax polynomials of the usual double-precision kernels. Error below 1e-15 for |x| < 1e5;
-   infinite x give NaN, and beyond 1e15 nothing is promised. */
+   x = n pi/2 + r with |r| <= pi/4; pi/2 is the sum of three parts of at most 33 bits, so that n times a part is exact
+   for |n| < 2^20. The polynomials are the usual double-precision minimax polynomials. The error is below 1e-15 for
+   |x| < 1e5. The result is NaN for infinite x, and undefined for |x| > 1e15. */
 LANE_CALL void lane_sincos(vd x, vd *sine, vd *cosine)
 {
-    const vd magic = K(6755399441055744.0); /* 1.5 2^52: the sum's low bits are the nearest integer */
+    const vd magic = K(6755399441055744.0); /* 1.5 2^52: the low bits of the sum are the nearest integer */
     const vd shifted = x * K(6.36619772367581382433e-01) + magic;
     const vd n = shifted - magic;
     vd r = x - n * K(1.57079632673412561417e+00);
@@ -132,9 +133,9 @@ LANE_CALL void lane_sincos(vd x, vd *sine, vd *cosine)
     *cosine = lane_from(lane_bits(lane_select(odd, sin_r, cos_r)) ^ (vi)((vu)((quadrant + 1) & 2) << 62));
 }
 
-/* ---- inverse tangent, of all lanes together: error below 1e-15 relative; of two infinities NaN
+/* ---- inverse tangent of all lanes at once: relative error below 1e-15; NaN for two infinities
 
-   atan(lo / hi) with 0 <= lo <= hi, less pi/4 if the quotient exceeds 0.66; a rational minimax in the rest. */
+   atan(lo / hi) with 0 <= lo <= hi, minus pi/4 if the quotient exceeds 0.66, by a rational minimax approximation. */
 #if PIAFFE_W == 1
 LANE_BINARY(atan2)
 LANE_UNARY(atan)

@@ -1,30 +1,31 @@
-"""CasADi functions as C text whose numbers are vectors: one pass evaluates PIAFFE_W nodes.
+"""Generate SIMD C code of CasADi functions: the numbers are vectors, and one call evaluates PIAFFE_W nodes.
 
-The straight-line instructions of an SX function become C with a local constant per value, cut into *chunks*, each a C
-function short enough for the compiler's register allocation. Values that live across a cut travel through the work
-array ``w``; its slots are reused. Chunks are spread over translation units, which compile in parallel. The text is the
-same for every width: a ``vd`` is ``PIAFFE_W`` doubles, given on the compiler's command line.
+The instructions of an SX function become straight-line C with a local constant per value. The code is divided into
+*chunks*; each is a C function that is short enough for the compiler's register allocation. Values that are used in a
+later chunk are stored in the work array ``w``, whose slots are reused. Chunks are distributed over translation units,
+which compile in parallel. The code is the same for every width: a ``vd`` is ``PIAFFE_W`` doubles, and ``PIAFFE_W`` is a
+macro on the compiler's command line.
 
-For each function NAME::
+The signature of each function NAME is::
 
     void NAME(const vd *const *arg, vd *const *res, vd *w);
 
-with ``arg[i][k]`` nonzero k of input i and ``res[i][k]`` nonzero k of output i, both column by column, and
-``w[NAME_SZ_W]``. All are aligned to the size of vd, none overlap, none may be null unless it has no nonzeros.
-Reentrant.
+Here ``arg[i][k]`` is nonzero k of input i, ``res[i][k]`` is nonzero k of output i, both column by column, and ``w`` has
+``NAME_SZ_W`` elements. All arrays are aligned to the size of vd and do not overlap. A pointer may be null only if its
+array has no nonzeros. The functions are reentrant.
 
 Measured on the functions of a quadruped's contact mode (17 700 operations in ``stage_d``, 7 700 in ``implicit``; one
 core with AVX-512, gcc 12, ``-O2 -march=native -ffp-contract=fast -fno-math-errno -fno-trapping-math``), microseconds
 per node::
 
-    lanes                                8      4      1
-    stage_d, sparsified                0.62   0.94    3.6
-    implicit                           0.21   0.37    1.5
+    doubles per vector                       8      4      1
+    stage_d, sparsified                     0.62   0.94    3.6
+    implicit                                0.21   0.37    1.5
     stage_d, dense (5 times as many stores)  3.1
 
-clang wants ``-mprefer-vector-width=512`` besides (else 1.14 instead of 0.62). The four functions compile in 3 to 5 s of
-one core. Time hardly depends on the size of chunks (200 to 1500) nor on the
-flags (-O1 to -O3); what counts is how many values are alive, and the zeros that are not stored.
+clang also needs ``-mprefer-vector-width=512`` (1.14 µs without it, 0.62 with it). One core compiles the four functions
+in 3 to 5 s. The time hardly depends on the size of the chunks (200 to 1500) or on the flags (-O1 to -O3). It depends on
+the number of values that are needed later, and on the number of stored zeros.
 """
 
 from __future__ import annotations
@@ -66,9 +67,9 @@ class Unit:
     """A translation unit.
 
     Args:
-        name: unique among the units, an identifier.
-        text: C, which includes ``lanes.h`` and ``functions.h``.
-        instructions: how many it holds, a measure of its compile time.
+        name: an identifier, unique among the units.
+        text: C source, which includes ``simd.h`` and ``functions.h``.
+        instructions: number of instructions, a measure of its compile time.
     """
 
     name: str
@@ -81,9 +82,9 @@ class Units:
     """Translation units of some functions, and their header.
 
     Args:
-        units: what to compile, the longest first.
-        header: text of ``functions.h``; prototypes and sizes.
-        work: length of ``w`` per function, as the macros ``NAME_SZ_W`` say.
+        units: the units, the longest first.
+        header: text of ``functions.h``: prototypes and sizes.
+        work: length of ``w`` per function, the value of the macro ``NAME_SZ_W``.
     """
 
     units: tuple[Unit, ...]
@@ -93,26 +94,26 @@ class Units:
     @property
     def headers(self) -> dict[str, str]:
         """File name → text of the headers that the units include."""
-        return {"lanes.h": SIMD_H, "functions.h": self.header}
+        return {"simd.h": SIMD_H, "functions.h": self.header}
 
 
 def generate(functions: Mapping[str, cs.Function], *, chunk: int = 500, unit: int = 6000) -> Units:
-    """Lower functions to C.
+    """Generate the C code of functions.
 
     Args:
         functions: C name → function; MX functions are expanded.
         chunk: operations per C function.
-        unit: operations per translation unit, about; a chunk is never split.
+        unit: approximate number of operations per translation unit; a chunk is not split.
 
     Returns:
         Translation units and header.
 
     Raises:
-        ModelError: A function has an operation without a lane-wise form, or free symbols.
+        ModelError: a function has an operation without a SIMD form, or free symbols.
     """
     if chunk < 1 or unit < 1:
-        raise ValueError(f"generate: sizes are positive - got chunk={chunk}, unit={unit}, expected 1 or more")
-    header = ["#ifndef PIAFFE_FUNCTIONS_H", "#define PIAFFE_FUNCTIONS_H", "", '#include "lanes.h"', ""]
+        raise ValueError(f"generate: sizes must be positive - got chunk={chunk}, unit={unit}, expected 1 or more")
+    header = ["#ifndef PIAFFE_FUNCTIONS_H", "#define PIAFFE_FUNCTIONS_H", "", '#include "simd.h"', ""]
     pieces: list[tuple[str, int]] = []
     work: dict[str, int] = {}
     for name, function in functions.items():
@@ -123,13 +124,13 @@ def generate(functions: Mapping[str, cs.Function], *, chunk: int = 500, unit: in
         header.append(f"#define {name}_SZ_W {work[name]}")
         header += [f"void {part}{_SIGNATURE};" for part in (name, *parts)] + [""]
     header.append("#endif")
-    return Units(_spread(pieces, unit), "\n".join(header) + "\n", work)
+    return Units(_distributed(pieces, unit), "\n".join(header) + "\n", work)
 
 
 def sparsified(function: cs.Function) -> cs.Function:
-    """Return a function whose outputs keep their structural nonzeros alone.
+    """Return a function whose outputs contain only their structural nonzeros.
 
-    Derivatives are mostly zeros: storing those again for every node takes longer than computing the others.
+    Most entries of derivatives are zero; to store these zeros for every node takes longer than to compute the others.
     """
     inputs = [cs.SX.sym(name, function.sparsity_in(i)) for i, name in enumerate(function.name_in())]
     outputs = [cs.sparsify(output) for output in function.call(inputs)]
@@ -153,8 +154,8 @@ class _Program:
     """A function in single-assignment form.
 
     Args:
-        steps: in the order of evaluation.
-        stored: per value the outputs that it is.
+        steps: its operations in the order of evaluation.
+        stored: per value, the outputs that are equal to it.
         direct: outputs that are literals or inputs, as (output, nonzero, C expression).
     """
 
@@ -164,13 +165,13 @@ class _Program:
 
 
 def _single_assignment(name: str, function: cs.Function) -> _Program:
-    """Read a function's instructions; its registers become values that are assigned once."""
+    """Return a function in single-assignment form: its registers become values that are assigned once."""
     function = function if function.is_a("SXFunction") else function.expand()
     registers: dict[int, str] = {}
     steps: list[_Step] = []
     stored: dict[str, list[str]] = {}
     direct: list[tuple[int, int, str]] = []
-    turns: dict[str, dict[int, str]] = {}  # sine and cosine of one angle are one step
+    sincos: dict[str, dict[int, str]] = {}  # sine and cosine of one angle are one step
 
     def fresh() -> str:
         value = f"v{len(stored)}"
@@ -193,12 +194,12 @@ def _single_assignment(name: str, function: cs.Function) -> _Program:
             registers[out[0]] = registers[inputs[0]]
         elif op in (cs.OP_SIN, cs.OP_COS):
             angle = registers[inputs[0]]
-            if angle not in turns:
+            if angle not in sincos:
                 sine, cosine = fresh(), fresh()
-                turns[angle] = {cs.OP_SIN: sine, cs.OP_COS: cosine}
+                sincos[angle] = {cs.OP_SIN: sine, cs.OP_COS: cosine}
                 call = f"vd {sine}, {cosine}; lane_sincos({angle}, &{sine}, &{cosine});"
                 steps.append(_Step((sine, cosine), (angle,), call))
-            registers[out[0]] = turns[angle][op]
+            registers[out[0]] = sincos[angle][op]
         elif op in _TEMPLATES:
             operands = tuple(registers[i] for i in inputs)
             registers[out[0]] = value = fresh()
@@ -207,17 +208,17 @@ def _single_assignment(name: str, function: cs.Function) -> _Program:
             steps.append(_Step((value,), operands, f"const vd {value} = {text};"))
         else:
             raise ModelError(
-                f"function '{name}': an operation has no lane-wise form - got {_OP_NAMES.get(op, op)}, expected "
+                f"function '{name}': an operation has no SIMD form - got {_OP_NAMES.get(op, op)}, expected "
                 "arithmetic, comparisons, selections or functions of the C library; write the expression without it"
             )
     return _Program(tuple(_depth_first(steps, stored)), stored, tuple(direct))
 
 
 def _depth_first(steps: Sequence[_Step], stored: Mapping[str, Sequence[str]]) -> list[_Step]:
-    """Return the steps that outputs need, each output's just before it, the last output first.
+    """Return the steps that the outputs need, in depth-first order from the last output to the first.
 
-    In a Jacobian's columns from last to first (leaves of the kinematic tree before its root) fewer values wait for
-    their use than in CasADi's order: a fifth less memory, a tenth less time.
+    For the columns of a Jacobian this order goes from the leaves of the kinematic tree to its root. Fewer values have
+    to be stored for later use than in CasADi's order: it needs a fifth less memory and a tenth less time.
     """
     maker = {value: i for i, step in enumerate(steps) for value in step.results}
     ordered: list[_Step] = []
@@ -245,7 +246,7 @@ def _literal(value: float) -> str:
 
 def _chunks(program: _Program, size: int) -> tuple[list[list[str]], int]:
     """Return the statements of each chunk and the length of the work array."""
-    last: dict[str, int] = {}  # step of the last use
+    last: dict[str, int] = {}  # per value, the step of its last use
     for i, step in enumerate(program.steps):
         last.update((operand, i) for operand in step.operands)
     slots: dict[str, str] = {}
@@ -258,7 +259,7 @@ def _chunks(program: _Program, size: int) -> tuple[list[list[str]], int]:
             for operand in step.operands:
                 if operand in slots and operand not in local:
                     lines.append(f"const vd {operand} = {slots[operand]};")
-                    if last[operand] < end:  # from here on it is a local value
+                    if last[operand] < end:  # no later chunk uses it: its slot is free
                         heappush(free, int(slots.pop(operand)[2:-1]))
                     local.add(operand)
             lines.append(step.text)
@@ -278,7 +279,7 @@ def _chunks(program: _Program, size: int) -> tuple[list[list[str]], int]:
 
 
 def _fills(direct: Sequence[tuple[int, int, str]]) -> list[str]:
-    """Return the statements that store literals and inputs; equal neighbours become a loop."""
+    """Return the statements that store literals and inputs; a run of equal values becomes a loop."""
     lines = []
     for (output, value), group in groupby(sorted(direct), key=lambda entry: (entry[0], entry[2])):
         nonzeros = [nonzero for _, nonzero, _ in group]
@@ -290,7 +291,7 @@ def _fills(direct: Sequence[tuple[int, int, str]]) -> list[str]:
 
 
 def _definition(name: str, lines: Sequence[str]) -> str:
-    """Return a C function; pointers to the inputs and outputs that it names are made local."""
+    """Return a C function; it has local pointers to the inputs and outputs that its statements use."""
     text = "\n".join(f"    {line}" for line in lines)
     pointers = [
         f"    {kind}{i} = {source}[{i}];"
@@ -301,8 +302,8 @@ def _definition(name: str, lines: Sequence[str]) -> str:
     return f"void {name}{_SIGNATURE.replace('*w', '*restrict w')}\n{{\n{body}\n}}\n"
 
 
-def _spread(pieces: Sequence[tuple[str, int]], size: int) -> tuple[Unit, ...]:
-    """Return units of about a size, the longest first."""
+def _distributed(pieces: Sequence[tuple[str, int]], size: int) -> tuple[Unit, ...]:
+    """Return units of about the given size, the longest first."""
     units: list[tuple[list[str], int]] = []
     for text, length in pieces:
         if not units or units[-1][1] + length > size:
@@ -311,4 +312,4 @@ def _spread(pieces: Sequence[tuple[str, int]], size: int) -> tuple[Unit, ...]:
         units[-1] = ([*texts, text], total + length)
     ordered = sorted(units, key=lambda u: -u[1])
     include = '#include "functions.h"\n\n'
-    return tuple(Unit(f"lanes{i}", include + "\n".join(texts), n) for i, (texts, n) in enumerate(ordered))
+    return tuple(Unit(f"functions{i}", include + "\n".join(texts), n) for i, (texts, n) in enumerate(ordered))

@@ -1,4 +1,4 @@
-"""Small pieces of C that plans wait for, where a compiler works; and C on several threads."""
+"""Small C files for code that is too slow in NumPy, and functions that run C code on several threads."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ Part = TypeVar("Part")
 
 
 def c_library(package: str, name: str, label: str) -> ct.CDLL | None:
-    """Return a package's ``template/NAME.c``, compiled and loaded; None where no compiler works.
+    """Return a package's ``template/NAME.c``, compiled and loaded; None if no compiler works.
 
     Args:
         package: dotted name of the package.
-        name: of the file, without its ending.
-        label: what it is for, to be shown with the cache.
+        name: name of the file, without its ending.
+        label: purpose of the library, shown in the list of the cache.
     """
     text = files(package).joinpath("template", f"{name}.c").read_text(encoding="utf-8")
     try:
@@ -32,16 +32,19 @@ def c_library(package: str, name: str, label: str) -> ct.CDLL | None:
 
 
 def pointer(array: np.ndarray) -> ct.c_void_p:
-    """Return where an array's numbers are."""
+    """Return the address of an array's numbers."""
     return ct.c_void_p(array.ctypes.data)
 
 
-def side_by_side(run: Callable[[Part], None], parts: Sequence[Part], pool: Executor) -> None:
-    """Run the first part on this thread and the others in the pool; all have ended when this returns or raises."""
+def run_in_parallel(run: Callable[[Part], None], parts: Sequence[Part], pool: Executor) -> None:
+    """Call ``run`` for the first part in this thread and for the others in the pool.
+
+    All calls have ended when this function returns or raises.
+    """
     others = [pool.submit(run, part) for part in parts[1:]]
     try:
         run(parts[0])
-    finally:  # interrupted or not: they write into memory that the next call uses
+    finally:  # after an interrupt, too: they write into memory that the next call uses
         wait(others)
     for other in others:
         other.result()

@@ -1,4 +1,4 @@
-"""C texts of a library, and what they are made from."""
+"""C sources of a library, complete or made on demand."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _HEADER = re.compile(r"\w[\w.-]*")
 
 @dataclass(frozen=True)
 class Sources:
-    """C texts of a library.
+    """C sources of a library.
 
     Args:
         units: name (an identifier) and text of each translation unit.
-        headers: file name and text of what they include.
-        flags_per_unit: flags by unit, instead of those for all.
+        headers: file name and text of the headers that the units include.
+        flags_per_unit: flags by unit, in place of the common flags.
     """
 
     units: Sequence[tuple[str, str]]
@@ -28,22 +28,23 @@ class Sources:
 
     def __post_init__(self) -> None:
         names = [name for name, _ in self.units]
-        odd = [name for name in names if not _NAME.fullmatch(name)] + [
+        invalid = [name for name in names if not _NAME.fullmatch(name)] + [
             n for n in self.headers if not _HEADER.fullmatch(n)
         ]
-        if not names or odd or len(set(names)) < len(names):
+        if not names or invalid or len(set(names)) < len(names):
             raise SolverError(
-                f"build: names of units and headers - got {odd or names}, expected at least one unit, each with a "
-                "plain name of its own; name them so"
+                f"build: names of units or headers are invalid - got {invalid or names}, expected at least one unit, "
+                "each with a different name that is an identifier; change the names"
             )
         if unknown := sorted(set(self.flags_per_unit) - set(names)):
             raise SolverError(
-                f"build: flags_per_unit - got {unknown}, expected names of units {names}; correct the names"
+                f"build: flags_per_unit names unknown units - got {unknown}, expected names of units {names}; correct "
+                "the names"
             )
 
     @property
     def parts(self) -> list[str]:
-        """All of them, as one list."""
+        """Names, texts and flags as one list."""
         parts = []
         for name, text in self.units:
             parts += ["unit", name, text, *self.flags_per_unit.get(name, ("as all",))]
@@ -53,13 +54,13 @@ class Sources:
 
 
 @dataclass(frozen=True)
-class Origin:
-    """Sources that are made only if no library of them is kept, and what they are made from.
+class LazySources:
+    """Sources that are made only if their library is not in the cache.
 
     Args:
-        parts: what the texts follow from, whatever it is: equal parts make equal texts.
-        texts: makes them.
+        parts: texts that determine the sources: equal parts make equal sources.
+        make: function that makes the sources.
     """
 
     parts: Sequence[str]
-    texts: Callable[[], Sources]
+    make: Callable[[], Sources]

@@ -1,4 +1,4 @@
-"""A thread that runs a solver and can be waited for, Ctrl-C or not."""
+"""A thread that runs a solver, and for whose end the main thread can wait despite Ctrl-C."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable
 
 
 class Worker:
-    """A daemon thread that is waited for by an event of its own.
+    """A daemon thread with an event that signals its end.
 
     In Python 3.11 and 3.12, Ctrl-C during ``Thread.join`` makes ``is_alive`` False although the thread still runs.
 
     Args:
-        target: what the thread does.
+        target: the function that the thread runs.
     """
 
     def __init__(self, target: Callable[[], object]) -> None:
@@ -34,15 +34,15 @@ class Worker:
 
     @property
     def runs(self) -> bool:
-        """Whether the thread has begun and not ended."""
+        """Whether the thread has started and not ended."""
         return self._started and not self._ended.is_set()
 
     def wait(self, timeout: float) -> None:
-        """Wait for the end, but not longer than ``timeout`` [s]."""
+        """Wait for the end, but at most ``timeout`` [s]."""
         self._ended.wait(timeout)
 
     def wait_out(self) -> bool:
-        """Wait for the end, however often Ctrl-C is pressed meanwhile; return whether it was."""
+        """Wait for the end even if Ctrl-C is pressed; return whether it was pressed."""
         interrupted = False
         while self.runs:
             try:

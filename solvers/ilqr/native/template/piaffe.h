@@ -3,7 +3,7 @@
 #define PIAFFE_H
 #include <stddef.h>
 #include "constants.h"
-#include "lanes.h"
+#include "simd.h"
 
 #define W PIAFFE_W
 

@@ -73,7 +73,7 @@ def _without_avx512() -> str:
 
 
 TOOLS = {
-    "sanitizers": Tool(SANITIZE, (), (1, 4, 8), this_cpu().lanes, this_cpu().native),
+    "sanitizers": Tool(SANITIZE, (), (1, 4, 8), this_cpu().vector_width, this_cpu().native),
     "valgrind": Tool(("-DUNDEFINED",), MEMCHECK, (4, 1), 4, _without_avx512()),  # which does not know AVX-512
 }
 

@@ -15,7 +15,7 @@ from .test_solver import ALL, GCC
 
 pytestmark = pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
 
-CASES = [("sanitizers", name, this_cpu().lanes) for name in SMALL] + [("sanitizers", "rope", 1)]
+CASES = [("sanitizers", name, this_cpu().vector_width) for name in SMALL] + [("sanitizers", "rope", 1)]
 CASES += [("valgrind", name, 4) for name in SMALL]
 
 
