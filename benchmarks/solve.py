@@ -27,7 +27,7 @@ Parts = dict[str, Callable[[], object]]
 
 def parts_of(solver: solvers.MSiLQR) -> Parts:
     """Return what one iteration consists of, at the initial guess, and the same evaluation node by node."""
-    run = Run(solver.evaluator, solver.options, solver.start(None), solver.flags(True), None)
+    run = Run(solver.functions, solver.options, solver.start(None), solver.flags(True), None)
     models = run.linearise()
     regularization = 1e-6
     while (sweeps := backward(models, regularization)) is None:
@@ -37,7 +37,7 @@ def parts_of(solver: solvers.MSiLQR) -> Parts:
     def node_by_node() -> None:
         for i, (x, u) in enumerate(zip(run.current.iterate.states, run.current.iterate.controls, strict=True)):
             for k in range(len(u)):
-                solver.evaluator.step(i, k, x[k], u[k])
+                solver.functions.step(i, k, x[k], u[k])
 
     def trial() -> float:
         states = [

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from piaffe import models, ocp
 from piaffe.models import base, joints
 from piaffe.ocp import rotation
-from piaffe.solvers.ilqr.iterate import Evaluator, solve_nodes
+from piaffe.solvers.ilqr.iterate import ProblemFunctions, solve_nodes
 from piaffe.solvers.ilqr.native.library import library_for
 from piaffe.solvers.ilqr.native.memory import SolverMemory
 
@@ -112,15 +112,15 @@ class Physics:
 
 def our_physics(ours: ocp.CompiledProblem, x: Array, u: Array, width: int) -> Physics:
     """Return ours: acceleration and its derivative as the compiled solver has them, forces as the functions do."""
-    phase, evaluator = ours.phases[0], Evaluator(ours)
+    phase, functions = ours.phases[0], ProblemFunctions(ours)
     nv, ndx = phase.mode.state.ndx // 2, phase.mode.state.ndx
     machine = machine_at(ours, width, [x], [u])
     D = machine.arrays[0]["D"].reshape(NODES, ndx, ndx + phase.mode.nu)
     x_next = machine.arrays[0]["x_next"].reshape(NODES, -1)
     a_w = D[:, nv:].copy()
     a_w[:, :, nv:ndx] -= np.eye(nv)
-    value = evaluator.values(0, x, u)
-    r_w = evaluator.call(phase.mode.functions["stage_d"], x[:-1], u, value.z, phase.p, x[1:])[0]
+    value = functions.values(0, x, u)
+    r_w = functions.call(phase.mode.functions["stage_d"], x[:-1], u, value.z, phase.p, x[1:])[0]
     z_w = -solve_nodes(value.K, r_w)
     return Physics((x_next[:, nv + 1 :] - x[:-1, nv + 1 :]) / DT, value.z[:, nv:], a_w / DT, z_w[:, nv:])
 
@@ -179,7 +179,7 @@ def differences(robot: models.Robot, ours: ocp.CompiledProblem, theirs: crocoddy
             out[f"{name} W={width}"] = float(np.max(np.abs(a - b)) / np.max(np.abs(b)))
     # costs: positions are measured by another logarithm there, the same where the base is not turned
     x[:, 3:7] = phase.guess_states[:, 3:7]
-    cost = Evaluator(ours).values(0, x, u).residual
+    cost = ProblemFunctions(ours).values(0, x, u).residual
     mine = 0.5 * DT * np.sum(phase.weight * cost**2)
     out["cost"] = abs(mine / theirs.calc([to_theirs(state) for state in x], list(u)) - 1)
     worst = max(out, key=lambda name: out[name])

@@ -31,9 +31,9 @@ from piaffe.ocp import (
 from ..ilqr import (
     STATUS,
     Backend,
-    Evaluator,
     Options,
     Outer,
+    ProblemFunctions,
     Run,
     SolverMemory,
     WarmStart,
@@ -179,10 +179,10 @@ class _Batch:
 
     def solve_in_numpy(self, progress: Callable[[int, int], None] | None) -> None:
         """Solve every instance; Ctrl-C ends the batch after keeping the iterate of the instance under way."""
-        evaluator = Evaluator(self.compiled)
+        functions = ProblemFunctions(self.compiled)
         for i in range(self.size):
             try:
-                interrupted = self._solve_one_in_numpy(evaluator, i)
+                interrupted = self._solve_one_in_numpy(functions, i)
                 if progress is not None:
                     progress(i + 1, self.size)
             except KeyboardInterrupt:
@@ -190,13 +190,13 @@ class _Batch:
             if interrupted:
                 return
 
-    def _solve_one_in_numpy(self, evaluator: Evaluator, i: int) -> bool:
+    def _solve_one_in_numpy(self, functions: ProblemFunctions, i: int) -> bool:
         began, warm = time.perf_counter(), self.warm[i]
-        evaluator.problem = self.instance(i)
-        start = iterate_from(evaluator.problem, warm)
+        functions.problem = self.instance(i)
+        start = iterate_from(functions.problem, warm)
         flags = [np.full(phase.num_stages + 1, True) for phase in self.compiled.phases]
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            run = Run(evaluator, self.options, start, flags, None)
+            run = Run(functions, self.options, start, flags, None)
             if warm is not None:
                 run.resume(warm)
             try:
@@ -212,7 +212,7 @@ class _Batch:
                 for k, phase in enumerate(assemble(run, status, 0.0).phases):
                     r.put(k, i, feedforward=phase.feedforward, feedback=phase.feedback)
             if status is Status.NOT_FINITE:
-                r.faults[i] = fault(evaluator, at.iterate, run.outside)
+                r.faults[i] = fault(functions, at.iterate, run.outside)
             self._keep(i, run.outer, status, len(run.history), time.perf_counter() - began)
             r.search[i] = run.search_state()
         return status is Status.INTERRUPTED
@@ -228,7 +228,8 @@ class _Batch:
 
     def solve_in_c(self, memory: SolverMemory, threads: int, progress: Callable[[int, int], None] | None) -> None:
         """Solve every instance; Ctrl-C and errors end the batch once every thread has stopped."""
-        memories = [memory] + [SolverMemory(self.compiled, memory.origin, self.options) for _ in range(threads - 1)]
+        library = memory.compiled_library
+        memories = [memory] + [SolverMemory(self.compiled, library, self.options) for _ in range(threads - 1)]
         stop, errors = threading.Event(), list[BaseException]()
         following, told = iter(range(self.size)), 0
         lock = threading.Lock()
@@ -274,7 +275,7 @@ class _Batch:
         """Solve instance i; return whether it was not begun because the batch is to stop."""
         began, warm = time.perf_counter(), self.warm[i]
         problem = self.instance(i)
-        memory.renumber(problem)
+        memory.set_numbers(problem)
         outer = Outer(problem, self.options)
         if warm is not None:
             outer.resume(warm)
@@ -293,7 +294,7 @@ class _Batch:
         iterations = c.num_records
         if status is Status.NOT_FINITE:
             outside = read_iterate(memory, memory.outside) if c.blocked else None
-            r.faults[i] = fault(Evaluator(problem), iterate, outside) or memory.fault()
+            r.faults[i] = fault(ProblemFunctions(problem), iterate, outside) or memory.fault()
         if r.gains:
             found = memory.library.piaffe_policy(ct.byref(c))
             for k, own in enumerate(memory.arrays):

@@ -1,7 +1,7 @@
 """Multiple-shooting iLQR: the algorithm in NumPy, and the same in C in ``native``."""
 
 from .fault import fault as fault
-from .iterate import Evaluator as Evaluator
+from .iterate import ProblemFunctions as ProblemFunctions
 from .ms_ilqr import MSiLQR as MSiLQR
 from .native import STATUS as STATUS
 from .native import Backend as Backend

@@ -3,8 +3,8 @@
     β(g) = −ln g                                  for g > δ
          = ½ [((g − 2δ)/δ)² − 1] − ln δ           otherwise
 
-It enters the cost as ε β(g − s). At a row with multiplier λ and no shift s the minimiser has g ≥ 0 if and only if
-δ ≤ 2 ε/λ; the shift carries what a larger multiplier needs.
+The cost contains ε β(g − s). At a row with multiplier λ and shift s = 0, the minimiser has g ≥ 0 if and only if
+δ ≤ 2 ε/λ. A shift s > 0 allows a larger multiplier.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def curvature(g: Array, relaxation: Array) -> Array:
 def shrink(relaxation: Array, g: Array, mask: Array, slack: float, floor: float) -> Array:
     """Return smaller relaxations for the rows that are violated by more than ``slack``, none below ``floor``.
 
-    A row in the quadratic part pushes with λ = ε (2δ − g)/δ²; to push as hard at g = 0 it needs δ' = 2 ε/λ =
-    2 δ²/(2δ − g). A shrink is limited on both sides, because the multiplier is only an estimate.
+    A row in the quadratic part has the multiplier λ = ε (2δ − g)/δ². The same multiplier at g = 0 needs δ' = 2 ε/λ =
+    2 δ²/(2δ − g). The reduction is limited on both sides, because the multiplier is only an estimate.
     """
     needed = 2 * relaxation**2 / np.maximum(2 * relaxation - g, relaxation)
     needed = np.clip(needed, relaxation / constants.LARGEST_SHRINK, constants.LEAST_SHRINK * relaxation)
@@ -50,10 +50,10 @@ def shrink(relaxation: Array, g: Array, mask: Array, slack: float, floor: float)
 
 
 def recentre(shift: Array, g: Array, mask: Array, slack: float) -> Array:
-    """Return shifts s with which the barrier of g − s pushes at g = 0 as it pushes now: s' = max(0, s − g).
+    """Return shifts s' with which the barrier has the present multiplier at g = 0: s' = max(0, s − g).
 
-    This is the multiplier step of an augmented Lagrangian. It takes over where a smaller δ would only make the problem
-    stiff: rows whose multiplier λ exceeds 2 ε/δ at the smallest δ.
+    This is the multiplier update of an augmented Lagrangian. It is used where a smaller δ would make the problem too
+    stiff: for rows whose multiplier λ exceeds 2 ε/δ at the smallest δ.
     """
-    concerned = ((g < -slack) | (shift > 0)) & (mask > 0)
-    return np.where(concerned, np.maximum(shift - g, 0.0), shift)
+    shifted = ((g < -slack) | (shift > 0)) & (mask > 0)
+    return np.where(shifted, np.maximum(shift - g, 0.0), shift)

@@ -1,4 +1,4 @@
-"""Faults: where a value or derivative is not finite, in words - the function, its declaration, phase, node and time."""
+"""Describe where a value or derivative is not finite: the function, its declaration, phase, node and time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import CompiledPhase, owner_of
 
-from .iterate import Evaluator, Iterate, PhaseValues, solve_nodes
+from .iterate import Iterate, PhaseValues, ProblemFunctions, solve_nodes
 
 Array = NDArray[np.float64]
 
@@ -17,26 +17,28 @@ _Table = tuple[str, str, int, Array]
 """Group of functions, name of the output, first node, values (nodes, rows, ...)."""
 
 
-def fault(evaluator: Evaluator, iterate: Iterate, outside: Iterate | None) -> str:
-    """Return what is not finite at an iterate, or failing that at a step tried from there; empty if nothing is.
+def fault(functions: ProblemFunctions, iterate: Iterate, outside: Iterate | None) -> str:
+    """Return a sentence about the first number that is not finite at an iterate; empty if all are finite.
+
+    If all numbers are finite at the iterate, the sentence is about a trial step from it.
 
     Args:
-        evaluator: the problem's functions.
-        iterate: where the solver stands.
-        outside: a step that it has tried from there and where the merit was not finite.
+        functions: the problem's functions.
+        iterate: the solver's iterate.
+        outside: the last trial step whose merit was not finite, if there was one.
     """
     with np.errstate(all="ignore"):
-        found = _values(evaluator, iterate) or _derivatives(evaluator, iterate)
+        found = _values(functions, iterate) or _derivatives(functions, iterate)
         if found or outside is None:
             return found
-        found = _values(evaluator, outside)
-    return f"At a step tried from there, {found}" if found else ""
+        found = _values(functions, outside)
+    return f"At a trial step from there, {found}" if found else ""
 
 
-def _values(evaluator: Evaluator, iterate: Iterate) -> str:
-    values = evaluator.all_values(iterate)
+def _values(functions: ProblemFunctions, iterate: Iterate) -> str:
+    values = functions.all_values(iterate)
     for i, (phase, x, u, v) in enumerate(
-        zip(evaluator.problem.phases, iterate.states, iterate.controls, values, strict=True)
+        zip(functions.problem.phases, iterate.states, iterate.controls, values, strict=True)
     ):
         for what, table, labels in (
             ("state", x, phase.mode.state.stored_labels),
@@ -45,7 +47,7 @@ def _values(evaluator: Evaluator, iterate: Iterate) -> str:
             if not np.all(np.isfinite(table)):
                 node, row = (int(k) for k in np.argwhere(~np.isfinite(table))[0])
                 return _sentence(phase, f"{what} '{labels[row].strip()}'", "", node, table[node, row])
-        found = _first(evaluator, i, _value_tables(phase, v), "")
+        found = _first(functions, i, _value_tables(phase, v), "")
         if found:
             return found
     return ""
@@ -65,32 +67,32 @@ def _value_tables(phase: CompiledPhase, v: PhaseValues) -> Iterator[_Table]:
     yield "reset", "x_next", n, np.concatenate([v.K_reset.ravel(), v.z_reset, v.x_reset])[None]
 
 
-def _derivatives(evaluator: Evaluator, iterate: Iterate) -> str:
-    values = evaluator.all_values(iterate)
-    for i, phase in enumerate(evaluator.problem.phases):
+def _derivatives(functions: ProblemFunctions, iterate: Iterate) -> str:
+    values = functions.all_values(iterate)
+    for i, phase in enumerate(functions.problem.phases):
         x, u, f, n = iterate.states[i], iterate.controls[i], phase.mode.functions, phase.num_stages
         by_stage = dict(zip(
-            f["stage_d"].name_out(), evaluator.call(f["stage_d"], x[:-1], u, values[i].z, phase.p, x[1:]), strict=True
+            f["stage_d"].name_out(), functions.call(f["stage_d"], x[:-1], u, values[i].z, phase.p, x[1:]), strict=True
         ))  # fmt: skip
         at_end = dict(zip(
-            f["terminal_d"].name_out(), evaluator.call(f["terminal_d"], x[-1:], phase.p_end[None]), strict=True
+            f["terminal_d"].name_out(), functions.call(f["terminal_d"], x[-1:], phase.p_end[None]), strict=True
         ))  # fmt: skip
         tables: list[_Table] = [("stage", name, 0, table) for name, table in by_stage.items()]
         if phase.mode.nz:
             tables.append(("stage", "z", 0, solve_nodes(values[i].K, by_stage["r_w"])))
         tables += [("terminal", name, n, table) for name, table in at_end.items()]
-        jacobian = evaluator.reset_jacobian(i, iterate, values[i])
+        jacobian = functions.reset_jacobian(i, iterate, values[i])
         if jacobian is not None:
             tables.append(("reset", "x_next", n, jacobian.reshape(1, -1)))
-        found = _first(evaluator, i, iter(tables), "derivative of ")
+        found = _first(functions, i, iter(tables), "derivative of ")
         if found:
             return found
     return ""
 
 
-def _first(evaluator: Evaluator, i: int, tables: Iterator[_Table], of: str) -> str:
-    """Return the earliest node's first entry that is not finite; at one node the first table's."""
-    phase, earliest, found = evaluator.problem.phases[i], np.inf, ""
+def _first(functions: ProblemFunctions, i: int, tables: Iterator[_Table], of: str) -> str:
+    """Return a sentence about the first entry that is not finite, by node and then in the order of the tables."""
+    phase, earliest, found = functions.problem.phases[i], np.inf, ""
     for group, name, first, table in tables:
         flat = table.reshape(len(table), -1)
         bad = np.argwhere(~np.isfinite(flat))
@@ -99,23 +101,23 @@ def _first(evaluator: Evaluator, i: int, tables: Iterator[_Table], of: str) -> s
         node, entry = (int(k) for k in bad[0])
         earliest = first + node
         row = entry // max(int(np.prod(table.shape[2:])), 1)
-        found = _sentence(phase, _owner(evaluator, phase, group, name, row), of, first + node, flat[node, entry])
+        found = _sentence(phase, _owner(functions, phase, group, name, row), of, first + node, flat[node, entry])
     return found
 
 
-def _owner(evaluator: Evaluator, phase: CompiledPhase, group: str, name: str, row: int) -> str:
+def _owner(functions: ProblemFunctions, phase: CompiledPhase, group: str, name: str, row: int) -> str:
     if group == "stage" and name in ("K", "r0", "z", "r_w"):
         model = phase.mode.model
         return f"implicit dynamics of model '{model.name}' ({phase.interval.phase.source}), accelerations and forces"
     if group == "stage" and name in ("d_w", "d_z"):
         label = phase.mode.state.labels[row].strip()
         return f"dynamics of model '{phase.mode.model.name}' ({phase.interval.phase.source}), next '{label}'"
-    return owner_of(evaluator.problem, phase, group, name, row)
+    return owner_of(functions.problem, phase, group, name, row)
 
 
 def _sentence(phase: CompiledPhase, owner: str, of: str, node: int, got: float) -> str:
     what = "NaN" if np.isnan(got) else "infinite"
     return (
         f"{of}{owner} is {what} in phase '{phase.name}' ({phase.label}), node {node}, at {phase.times[node]:.4g} s; "
-        "keep it where it is defined, by a bound, another start or another expression."
+        "keep it in its domain with a bound, another start or another expression."
     )

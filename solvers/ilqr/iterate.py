@@ -1,4 +1,4 @@
-"""Iterates: states and controls of every phase, what they evaluate to, and the linear-quadratic model there."""
+"""Iterates: states and controls of every phase, values of the problem's functions, the linear-quadratic model."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class PhaseValues:
-    """What one phase evaluates to at an iterate.
+    """Values of the functions of one phase at an iterate.
 
     Args:
         z: implicit variables (N, nz). K: their matrices (N, nz, nz).
@@ -62,7 +62,7 @@ class PhaseDual:
     end_penalty: Array
 
     def stored(self) -> dict[str, Array]:
-        """Return what a warm start takes up, by the names that solutions give it."""
+        """Return the arrays that a warm start uses, by their names in a solution."""
         return {
             "equality": self.multiplier, "end_equality": self.end_multiplier, "penalty": self.penalty,
             "end_penalty": self.end_penalty, "relaxation": self.relaxation, "end_relaxation": self.end_relaxation,
@@ -82,21 +82,21 @@ def solve_nodes(K: Array, r: Array) -> Array:
     return solved.reshape(r.shape)
 
 
-class Evaluator:
-    """Evaluates a compiled problem's functions, all nodes of a phase at once."""
+class ProblemFunctions:
+    """The functions of a compiled problem, evaluated at all nodes of a phase at once, in NumPy."""
 
     def __init__(self, problem: CompiledProblem) -> None:
         self.problem = problem
-        self._batches: dict[int, Vectorised] = {}
+        self._vectorised: dict[int, Vectorised] = {}
 
     def call(self, function: Any, *arguments: Array) -> list[Array]:
         """Evaluate a CasADi function over stacked nodes."""
-        if id(function) not in self._batches:
-            self._batches[id(function)] = Vectorised(function)
-        return self._batches[id(function)](*arguments)
+        if id(function) not in self._vectorised:
+            self._vectorised[id(function)] = Vectorised(function)
+        return self._vectorised[id(function)](*arguments)
 
     def values(self, i: int, x: Array, u: Array) -> PhaseValues:
-        """Return what phase i evaluates to."""
+        """Return the values of the functions of phase i."""
         phase = self.problem.phases[i]
         f = phase.mode.functions
         K, r0 = self.call(f["implicit"], x[:-1], u, phase.p)
@@ -113,7 +113,7 @@ class Evaluator:
         return PhaseValues(z, K, x_next, residual, g, h, end[0], end[1], end[2], z_reset, K_reset, x_reset)
 
     def all_values(self, iterate: Iterate) -> list[PhaseValues]:
-        """Return what every phase evaluates to."""
+        """Return the values of the functions of every phase."""
         return [self.values(i, x, u) for i, (x, u) in enumerate(zip(iterate.states, iterate.controls, strict=True))]
 
     def defects(self, iterate: Iterate, values: list[PhaseValues]) -> list[Array]:
@@ -135,7 +135,7 @@ class Evaluator:
     def reset(self, i: int, x: Array) -> Array:
         """Return the first state of the phase after phase i, (nx,)."""
         phase = self.problem.phases[i]
-        assert phase.transition is not None  # asked only between phases
+        assert phase.transition is not None  # only called for a phase with a following one
         t, p = phase.transition.functions, phase.p_transition[None]
         K, r0 = self.call(t["implicit"], x[None], p)
         first: Array = self.call(t["reset"], x[None], -solve_nodes(K, r0), p)[0][0]
@@ -223,5 +223,5 @@ def penalty_cost(phase: CompiledPhase, value: PhaseValues, dual: PhaseDual, weig
 
 
 def masked(mask: Array, rows: Array) -> Array:
-    """Return rows times their masks; one that is masked out is zero even where it is not finite."""
+    """Return rows times their masks; a row with mask 0 is zero even if its value is not finite."""
     return np.where(mask > 0, mask * rows, 0.0)

@@ -15,8 +15,8 @@ from piaffe.ocp import CompiledProblem, Problem, check_numbers, compile_problem,
 
 from ..solution import Record, Solution, Status
 from .fault import fault
-from .iterate import Evaluator, Iterate
-from .native import Backend, drive, native_memory
+from .iterate import Iterate, ProblemFunctions
+from .native import Backend, native_memory, run_native
 from .options import Options
 from .result import assemble
 from .rollout import move
@@ -32,9 +32,14 @@ class MSiLQR:
     Args:
         problem: a declaration, or one already compiled.
         options: tolerances and parameters.
-        backend: ``"native"``: the solver in C, compiled for these modes once and kept; where no compiler works, NumPy
-            with a warning. ``"numpy"``: the readable reference. Both make the same iterates.
-        building: called while the native backend compiles, with steps done, steps in all and what was done last.
+        backend: ``"native"``: the solver in C, compiled once for the modes of the problem and cached; NumPy, with a
+            warning, if no compiler works. ``"numpy"``: the readable reference. Both have the same iterates.
+        building: called while the native backend compiles, with the number of finished steps, the number of all steps,
+            and the name of the last finished step.
+
+    Raises:
+        SolverError: the problem or the backend is not one.
+        ProblemError: the problem does not compile, or a model of it has no derivatives.
     """
 
     def __init__(
@@ -55,13 +60,13 @@ class MSiLQR:
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
-        self.evaluator = Evaluator(self.problem)
+        self.functions = ProblemFunctions(self.problem)
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()
 
     @property
     def backend(self) -> Backend:
-        """Which implementation solves: ``"numpy"`` also where no compiler was found."""
+        """The implementation in use; ``"numpy"`` also if no compiler was found."""
         return "numpy" if self.memory is None else "native"
 
     def solve(
@@ -74,29 +79,29 @@ class MSiLQR:
         """Solve the problem.
 
         Args:
-            warm_start: a solution of a problem with the same phases and sizes: states, controls and multipliers to
-                begin with. Without it the path through the targets is the start.
-            shooting: which nodes are shooting nodes: True for all, False for none (single shooting: the start is rolled
-                out), or per phase (N+1,) flags.
-            progress: called with every iteration's record.
+            warm_start: a solution of a problem with the same phases and sizes; its states, controls and multipliers are
+                the first iterate. Without it, the first iterate is the path through the targets.
+            shooting: which nodes are shooting nodes: True for all, False for none (single shooting: the first iterate
+                is a roll-out), or flags per phase, (N+1,).
+            progress: called with the record of every iteration.
 
         Returns:
-            The solution; its status says how the solve ended. A solve that does not converge does not raise.
+            The solution; its status is the reason why the solve ended. A solve that does not converge does not raise.
 
         Raises:
             SolverError: the warm start or the flags do not fit the problem, the warm start is not finite, or another
-                thread is in this method of this object.
+                thread runs this method of this object.
             ProblemError: a number of the problem is not finite.
         """
         began = time.perf_counter()
         check_numbers(self.problem)
         if not self._idle.acquire(blocking=False):
             raise SolverError(
-                "MSiLQR.solve: already solving - got a second call while another thread's runs, expected one at a "
-                "time, as they share memory; make an MSiLQR for each thread, or use solvers.solve_batch"
+                "MSiLQR.solve: a solve is running - got a second call from another thread, expected one call at a "
+                "time, because they share memory; make an MSiLQR for each thread, or use solvers.solve_batch"
             )
         try:
-            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # a trial may be; see Status.NOT_FINITE
+            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):  # for trials, see Status.NOT_FINITE
                 return self._solve(warm_start, shooting, progress, began)
         finally:
             self._idle.release()
@@ -113,13 +118,13 @@ class MSiLQR:
         start = first_iterate(self.problem, from_earlier)
         if not all(f.all() for f in flags):
             zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
-            start = move(self.evaluator, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
-        run = Run(self.evaluator, self.options, start, flags, progress)
+            start = move(self.functions, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
+        run = Run(self.functions, self.options, start, flags, progress)
         if from_earlier is not None:
             run.resume(from_earlier)
         try:
             if self.memory is not None and all(f.all() for f in flags):
-                status = drive(self.memory, run, from_earlier, progress)
+                status = run_native(self.memory, run, from_earlier, progress)
             else:
                 status = run.loop()
         except KeyboardInterrupt:
@@ -127,13 +132,13 @@ class MSiLQR:
         solution = assemble(run, status, time.perf_counter() - began)
         if status is not Status.NOT_FINITE:
             return solution
-        found = fault(self.evaluator, run.current.iterate, run.outside)
+        found = fault(self.functions, run.current.iterate, run.outside)
         if not found and self.memory is not None:
             found = self.memory.fault()
         return replace(solution, fault=found)
 
     def start(self, warm_start: Solution | None) -> Iterate:
-        """Return the states and controls to begin with."""
+        """Return the states and controls of the first iterate."""
         return first_iterate(self.problem, None if warm_start is None else WarmStart.of(warm_start))
 
     def flags(self, shooting: bool | Sequence[ArrayLike]) -> list[Flags]:

@@ -1,4 +1,4 @@
-"""Options of the solver: one frozen value for every backend."""
+"""Options of the solver, the same for every backend."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ class Options:
     Args:
         max_iterations: iterations in all, barrier and multiplier updates included.
         max_defect: largest defect accepted, ∞-norm in the tangent.
-        max_equality: largest equality violation accepted (raw SI divided by the row's scale).
-        max_inequality: largest inequality violation accepted, likewise.
+        max_equality: largest equality violation accepted (SI units divided by the row's scale).
+        max_inequality: largest inequality violation accepted (SI units divided by the row's scale).
         cost_tolerance: expected decrease, relative to 1 + |cost|, below which an iterate is stationary.
         barrier_weight: first weight ε of the relaxed barrier.
-        barrier_factor: what ε is multiplied by once a sub-problem is solved or has had its iterations.
-        barrier_gap: declared suboptimality of the barrier, relative to 1 + |cost|: ε stops shrinking when its last
-            decrease changed the cost by less.
+        barrier_factor: factor of ε after a sub-problem that is solved or has had ``max_inner`` iterations.
+        barrier_gap: accepted suboptimality of the barrier, relative to 1 + |cost|: ε stays constant once its last
+            decrease has changed the cost by less than this.
         min_barrier_weight: smallest ε.
         relaxation: first relaxation δ of the barrier, in units of the row's scale.
-        max_stiffness: largest curvature ε/δ² of a violated row; larger multipliers are carried by shifts instead.
+        max_stiffness: largest curvature ε/δ² of a violated row; rows with larger multipliers use shifts.
         penalty: first penalty σ of the augmented Lagrangian.
-        penalty_factor: what σ is multiplied by when a violation shrinks too slowly.
+        penalty_factor: factor of σ when a violation decreases too slowly.
         max_penalty: largest σ.
-        max_inner: iterations after which a sub-problem may be left unsolved, once its defects are small.
-        armijo: share γ of the expected decrease that a step must achieve.
-        merit_margin: share κ of the defects' decrease kept in the merit's expected change.
-        merit_offset: least weight ρ of the defects in the merit.
-        corrections: second-order corrections of a trial step whose defects grew.
+        max_inner: iterations after which the solver may leave a sub-problem unsolved, if its defects are small.
+        armijo: fraction γ of the expected decrease that a step must achieve.
+        merit_margin: fraction κ of the defects' decrease that remains in the merit's expected change.
+        merit_offset: smallest weight ρ of the defects in the merit.
+        corrections: largest number of second-order corrections of a trial step whose defects grow.
         step_shrink: ratio of successive trial steps.
         min_step: smallest trial step.
         regularization: first Levenberg regularisation added to Q_xx and Q_uu.
-        max_regularization: beyond this the solve stops.
-        time_limit_s: seconds after which the solve stops with its best iterate; None for no limit.
+        max_regularization: largest regularisation; the solve stops beyond it.
+        time_limit_s: time after which the solve stops with its present iterate [s]; None for no limit.
     """
 
     max_iterations: int = 1000
@@ -69,7 +69,7 @@ class Options:
             value = getattr(self, item.name)
             if value is not None and not value > 0:
                 raise SolverError(
-                    f"options: {item.name} is out of range - got {value}, expected a positive number; raise it"
+                    f"options: {item.name} is out of range - got {value}, expected a positive number; increase it"
                 )
         for name in ("barrier_factor", "armijo", "merit_margin", "step_shrink", "min_step"):
             if not getattr(self, name) < 1:

@@ -17,11 +17,11 @@ Array = NDArray[np.float64]
 
 
 class Outer:
-    """What changes between sub-problems.
+    """The parameters of the sub-problem, and their updates between sub-problems.
 
     Args:
         problem: the problem.
-        options: first values, factors and limits.
+        options: initial values, factors and limits.
     """
 
     def __init__(self, problem: CompiledProblem, options: Options) -> None:
@@ -45,29 +45,29 @@ class Outer:
         )  # fmt: skip
 
     def resume(self, start: WarmStart) -> None:
-        """Take barrier and multipliers from an earlier solve."""
+        """Copy barrier weight, relaxations, shifts, multipliers and penalties from an earlier solve."""
         self.weight = start.barrier_weight
         self.last_cost = start.cost if start.converged else None
         for dual, stored in zip(self.duals, start.multipliers, strict=True):
             if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
-                continue  # the constraints changed since: begin afresh there
+                continue  # the constraints have changed: keep the initial values
             dual.multiplier, dual.end_multiplier = stored["equality"].copy(), stored["end_equality"].copy()
             dual.penalty, dual.end_penalty = stored["penalty"].copy(), stored["end_penalty"].copy()
             dual.relaxation, dual.end_relaxation = stored["relaxation"].copy(), stored["end_relaxation"].copy()
             dual.shift, dual.end_shift = stored["shift"].copy(), stored["end_shift"].copy()
 
     def gap_is_closed(self, cost: float) -> bool:
-        """Return whether the barrier no longer bends the solution: the last decrease of ε hardly changed the cost."""
+        """Return whether the barrier hardly changes the solution: the last decrease of ε hardly changed the cost."""
         if not self.has_inequalities:
             return True
         return self.last_cost is not None and abs(cost - self.last_cost) <= self.allowed(cost)
 
     def allowed(self, cost: float) -> float:
-        """Return the suboptimality that the barrier may leave."""
+        """Return the accepted suboptimality of the barrier."""
         return self.o.barrier_gap * (1 + abs(cost))
 
     def near_gap(self, values: list[PhaseValues]) -> float:
-        """Return ε times the rows near their bound and their time: roughly the barrier's share of the cost."""
+        """Return ε times the summed time of rows near their bound, an estimate of the barrier's suboptimality."""
         total = 0.0
         for p, v in zip(self.problem.phases, values, strict=True):
             total += p.dt * float(np.sum((v.g < constants.NEAR_BOUND * self.o.relaxation) & (p.g_mask > 0)))
@@ -76,13 +76,13 @@ class Outer:
     def update(
         self, values: list[PhaseValues], cost: float, violations: tuple[float, float], *, stationary: bool
     ) -> None:
-        """Move on to the next sub-problem.
+        """Set the parameters of the next sub-problem.
 
         Args:
-            values: what the phases evaluate to.
+            values: values of the functions of the phases.
             cost: declared cost.
             violations: largest equality and inequality violation.
-            stationary: whether the last sub-problem was solved; if it was only left, its cost says nothing of the gap.
+            stationary: whether the last sub-problem was solved; the cost of an unsolved one is not compared.
         """
         nearly_met = violations[1] <= constants.NEARLY_MET * self.o.max_inequality
         if stationary and nearly_met and not self.gap_is_closed(cost):
@@ -97,7 +97,7 @@ class Outer:
             self._watch(values, violations)
 
     def _watch(self, values: list[PhaseValues], violations: tuple[float, float]) -> None:
-        """Count the solved sub-problems in a row that pushed as hard as they may and have not reduced the violation."""
+        """Count consecutive solved sub-problems that did not reduce the violation although :meth:`_pushes_hardest`."""
         now = max(violations[0] / self.o.max_equality, violations[1] / self.o.max_inequality)
         remains = now > 1 and now > constants.NO_PROGRESS * self.last_violation
         stays = remains and self._pushes_hardest(values)
@@ -105,7 +105,7 @@ class Outer:
         self.last_violation = now
 
     def _pushes_hardest(self, values: list[PhaseValues]) -> bool:
-        """Return whether every violated row has its largest penalty or its smallest relaxation."""
+        """Return whether every violated row has the largest penalty or the smallest relaxation."""
         floor, slack, limit = constants.AT_FLOOR * self.floor, self.o.max_inequality, self.o.max_equality
         for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
             soft = [
@@ -120,12 +120,12 @@ class Outer:
 
     @property
     def floor(self) -> float:
-        """Smallest relaxation at the present ε: the one of the largest stiffness."""
+        """Smallest relaxation at the present ε, at which the stiffness is ``max_stiffness``."""
         return float(np.sqrt(self.weight / self.o.max_stiffness))
 
     @property
     def is_stuck(self) -> bool:
-        """Whether pushing harder no longer reduces the violation."""
+        """Whether larger penalties and smaller relaxations no longer reduce the violation."""
         return self.unmoved > constants.MAX_UNMOVED
 
     def _update_inequalities(self, values: list[PhaseValues]) -> None:

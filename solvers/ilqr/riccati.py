@@ -50,7 +50,7 @@ class LqPhase:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What the backward sweep found for one phase: feedforward k (N, nu), feedback K (N, nu, ndx), V and Q."""
+    """Result of the backward sweep for one phase: feedforward k (N, nu), feedback K (N, nu, ndx), V and Q."""
 
     feedforward: Array
     feedback: Array
@@ -66,8 +66,8 @@ class Sweep:
 def backward(phases: list[LqPhase], regularization: float) -> list[Sweep] | None:
     """Return the sweep of every phase, or None if some Q_uu is not positive definite.
 
-    V_x and V_xx of node k are those *before* the defect correction of that node, so that the value of a deviation δx
-    from the nominal state X̄_k is read off directly.
+    V_x and V_xx of node k do *not* include the defect of that node: V is the value of a deviation δx from the nominal
+    state X̄_k.
     """
     sweeps: list[Sweep] = []
     gradient = hessian = None  # of the next phase's first node, defect included
@@ -114,7 +114,7 @@ def backward(phases: list[LqPhase], regularization: float) -> list[Sweep] | None
 class Direction:
     """The linear roll-out at full step: δx (N+1, ndx) and δu (N, nu) of every phase, and the expected cost change.
 
-    The model predicts a change α dV1 + ½ α² dV2 for a step α, every cost term included.
+    The model predicts the change α dV1 + ½ α² dV2 of the cost for a step α; it includes every cost term.
     """
 
     dx: list[Array]
@@ -124,7 +124,7 @@ class Direction:
 
 
 def roll_out(phases: list[LqPhase], sweeps: list[Sweep]) -> Direction:
-    """Return the step that the policy takes through the linear model, all defects closed."""
+    """Return the linear roll-out of the policy, which closes all defects of the linear model."""
     dxs, dus, dV1, dV2 = [], [], 0.0, 0.0
     first = phases[0].d[0]
     for phase, sweep in zip(phases, sweeps, strict=True):
@@ -150,9 +150,9 @@ def roll_out(phases: list[LqPhase], sweeps: list[Sweep]) -> Direction:
 
 
 def close_defects(phases: list[LqPhase], sweeps: list[Sweep], defects: list[Array]) -> tuple[list[Array], list[Array]]:
-    """Return the step that closes given defects through the linear model, under the feedback alone.
+    """Return the step that closes given defects in the linear model, with the feedback and without the feedforward.
 
-    It is the second-order correction of a trial step whose defects grew with its curvature.
+    It is the second-order correction of a trial step whose defects grow because of curvature.
     """
     dxs, dus, first = [], [], defects[0][0]
     for i, (phase, sweep, defect) in enumerate(zip(phases, sweeps, defects, strict=True)):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import constants
 from ..solution import Record, SearchState, Status, is_same
-from .iterate import Evaluator, Iterate, PhaseValues, masked, penalty_cost, running_cost
+from .iterate import Iterate, PhaseValues, ProblemFunctions, masked, penalty_cost, running_cost
 from .options import Options
 from .outer import Outer
 from .riccati import Direction, LqPhase, Sweep, backward, close_defects, roll_out
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """An iterate with everything that is computed from it without derivatives."""
+    """An iterate with its values, defects and declared cost."""
 
     iterate: Iterate
     values: list[PhaseValues]
@@ -32,7 +32,7 @@ class Evaluated:
 
     @property
     def gap(self) -> float:
-        """Sum of the absolute values of all defects: what the merit weighs."""
+        """Sum of the absolute values of all defects, which the merit weights by ρ."""
         return float(sum(np.sum(np.abs(d)) for d in self.defects))
 
     @property
@@ -42,58 +42,58 @@ class Evaluated:
 
 
 class Run:
-    """One solve: its current iterate, outer state and history.
+    """One solve: its current iterate, the parameters of its sub-problem and its history.
 
     Args:
-        evaluator: the problem's functions.
+        functions: the problem's functions.
         options: options.
         start: the first iterate.
         shooting: which nodes are shooting nodes.
-        report: called with every iteration's record.
+        report: called with the record of every iteration.
     """
 
     def __init__(
         self,
-        evaluator: Evaluator,
+        functions: ProblemFunctions,
         options: Options,
         start: Iterate,
         shooting: list[Flags],
         report: Callable[[Record], None] | None,
     ) -> None:
-        self.o, self.problem, self.evaluator = options, evaluator.problem, evaluator
+        self.o, self.problem, self.functions = options, functions.problem, functions
         self.shooting, self.report = shooting, report
         self.began = time.perf_counter()
-        self.outer = Outer(evaluator.problem, options)
+        self.outer = Outer(functions.problem, options)
         self.current = self.evaluate(start)
         self.history: list[Record] = []
         self.models: list[LqPhase] = []
         self.sweeps: list[Sweep] = []
-        self.policy: list[Sweep] | None = None  # at the last iterate, from a backend that has it
+        self.policy: list[Sweep] | None = None  # at the last iterate, if the backend has computed it
         self.regularization = 0.0
         self.step_size = 1.0
         self.rho = self.least_rho = options.merit_offset
         self.inner = 0
         self.gains: list[float] = []
-        self.outside: Iterate | None = None  # a trial on the way to or from the current iterate, merit not finite
+        self.outside: Iterate | None = None  # the last trial since the previous iterate whose merit was not finite
 
-    # ---- going on from an earlier solve
+    # ---- warm start
 
     def resume(self, start: WarmStart) -> None:
-        """Take barrier and multipliers from an earlier solve; of the same problem, the state of the search, too."""
+        """Copy barrier and multipliers from an earlier solve; for the same problem also the state of the search."""
         self.outer.resume(start)
         state = start.search
         if state is not None and is_same(self.augmented(self.current) + state.rho * self.current.gap, state.merit):
-            self.take_up(state)
+            self.restore(state)
 
-    def take_up(self, state: SearchState) -> None:
-        """Search on from a state."""
+    def restore(self, state: SearchState) -> None:
+        """Set the state of the search."""
         self.rho, self.least_rho, self.regularization = state.rho, state.least_rho, state.regularization
         self.step_size, self.gains, self.inner = state.step_size, list(state.gains), state.inner
         self.outer.unmoved, self.outer.last_cost = state.unmoved, state.last_cost
         self.outer.last_equality, self.outer.last_violation = state.last_equality, state.last_violation
 
     def search_state(self) -> SearchState:
-        """Return what a later solve needs to go on from here."""
+        """Return the state of the search, from which a later solve can continue."""
         return SearchState(
             merit=self.augmented(self.current) + self.rho * self.current.gap, rho=self.rho, least_rho=self.least_rho,
             regularization=self.regularization, step_size=self.step_size,
@@ -106,9 +106,9 @@ class Run:
 
     def evaluate(self, iterate: Iterate) -> Evaluated:
         """Return an iterate's values, defects and declared cost."""
-        values = self.evaluator.all_values(iterate)
+        values = self.functions.all_values(iterate)
         cost = sum(running_cost(p, v) for p, v in zip(self.problem.phases, values, strict=True))
-        return Evaluated(iterate, values, self.evaluator.defects(iterate, values), float(cost))
+        return Evaluated(iterate, values, self.functions.defects(iterate, values), float(cost))
 
     def augmented(self, at: Evaluated) -> float:
         """Return cost plus barrier plus augmented Lagrangian."""
@@ -129,14 +129,14 @@ class Run:
         """Return the linear-quadratic model at the current iterate."""
         at, outer = self.current, self.outer
         return [
-            self.evaluator.lq(i, at.iterate, at.values[i], at.defects[i], outer.duals[i], outer.weight)
+            self.functions.lq(i, at.iterate, at.values[i], at.defects[i], outer.duals[i], outer.weight)
             for i in range(len(self.problem.phases))
         ]
 
     # ---- the loop
 
     def loop(self) -> Status:
-        """Iterate; return how it ended."""
+        """Iterate until the solve ends; return its status."""
         if not np.isfinite(self.augmented(self.current) + self.current.gap):
             return Status.NOT_FINITE
         self.models = self.linearise()
@@ -168,12 +168,12 @@ class Run:
                 self.models = self.linearise()
 
     def failed(self) -> Status:
-        """Return why there is no step: something is not finite, or nothing decreases the merit."""
+        """Return the status of a solve without a further step: a number is not finite, or the line search failed."""
         finite = self.outside is None and all(model.is_finite for model in self.models)
         return Status.LINE_SEARCH_FAILED if finite else Status.NOT_FINITE
 
     def is_stationary(self, direction: Direction) -> bool:
-        """Return whether the sub-problem is solved: nothing is expected, or nothing has been gained for long."""
+        """Return whether the sub-problem is solved: the expected decrease, or the last decreases, are negligible."""
         tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
         nothing_expected = abs(direction.dV1 + 0.5 * direction.dV2) < tolerance
         last = self.gains[-constants.PATIENCE :]
@@ -181,7 +181,7 @@ class Run:
         return (nothing_expected or nothing_gained) and self.current.max_defect < self.o.max_defect
 
     def is_blocked(self) -> bool:
-        """Return whether an iterate only looks stationary, as regularisation keeps steps where the merit is finite."""
+        """Return whether the iterate is stationary only because of the regularisation that keeps the merit finite."""
         if self.outside is None or self.regularization <= self.o.regularization:
             return False
         sweeps = backward(self.models, self.o.regularization)
@@ -191,7 +191,7 @@ class Run:
         return not abs(direction.dV1 + 0.5 * direction.dV2) < self.o.cost_tolerance * (1 + abs(self.current.cost))
 
     def is_due(self) -> bool:
-        """Return whether to leave the sub-problem unsolved: it has had its iterations, and rows are violated."""
+        """Return whether to leave the sub-problem unsolved: it has had its iterations, and tolerances are not met."""
         if self.inner < self.o.max_inner or self.current.max_defect >= constants.NEARLY_CLOSED:
             return False
         return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(
@@ -199,16 +199,16 @@ class Run:
         )
 
     def meets_everything(self) -> bool:
-        """Return whether every tolerance is met and the barrier no longer bends the solution."""
+        """Return whether every tolerance is met and the barrier hardly changes the solution."""
         return self.keeps_tolerances() and self.outer.gap_is_closed(self.current.cost)
 
     def keeps_tolerances(self) -> bool:
-        """Return whether every constraint is met."""
+        """Return whether every constraint is met within its tolerance."""
         equality, inequality = self.violations(self.current)
         return equality <= self.o.max_equality and inequality <= self.o.max_inequality
 
     def advance(self, *, stationary: bool) -> Direction | None:
-        """Move to the next sub-problem and return its direction."""
+        """Begin the next sub-problem and return its direction."""
         at = self.current
         self.outer.update(at.values, at.cost, self.violations(at), stationary=stationary)
         self.inner = 0
@@ -217,7 +217,7 @@ class Run:
         return self.direction()
 
     def record(self, direction: Direction, size: float) -> None:
-        """Keep and report an iteration."""
+        """Append the record of an iteration to the history and report it."""
         equality, inequality = self.violations(self.current)
         record = Record(
             iteration=len(self.history) + 1, cost=self.current.cost,
@@ -233,7 +233,7 @@ class Run:
     # ---- one iteration
 
     def direction(self) -> Direction | None:
-        """Return the step of the linear-quadratic model, regularised as far as it needs."""
+        """Return the step of the linear-quadratic model; raise the regularisation until the sweep succeeds."""
         while self.regularization <= self.o.max_regularization:
             sweeps = backward(self.models, self.regularization)
             if sweeps is not None:
@@ -245,11 +245,11 @@ class Run:
         return None
 
     def raise_regularization(self) -> None:
-        """Regularise more."""
+        """Raise the regularisation."""
         self.regularization = max(constants.REGULARIZATION_FACTOR * self.regularization, self.o.regularization)
 
     def adapt(self, size: float) -> None:
-        """Regularise less after a good step, more after a short or failed one."""
+        """Lower the regularisation after a long step, raise it after a short or failed one."""
         self.inner += 1
         self.step_size = size
         if size == 0.0:
@@ -264,8 +264,8 @@ class Run:
     def update_merit(self, direction: Direction) -> None:
         """Choose the weight ρ of the defects so that the model predicts a decrease of the merit.
 
-        ρ is forgotten slowly, because a smaller one than the multipliers lets defects and cost take turns; where they
-        do, the sub-problem outlasts its iterations and the least ρ is doubled.
+        ρ decreases slowly: if it is smaller than the multipliers, cost and defects decrease in turn and increase again.
+        If that happens, the sub-problem takes many iterations, and the smallest ρ is doubled.
         """
         gap, change = self.current.gap, direction.dV1 + 0.5 * max(direction.dV2, 0.0)
         needed = max(change, 0.0) / ((1 - self.o.merit_margin) * gap) if gap > constants.SMALLEST_GAP else 0.0
@@ -274,9 +274,9 @@ class Run:
         self.rho = max(needed, constants.RHO_DECAY * self.rho, self.least_rho)
 
     def search(self, direction: Direction) -> float:
-        """Return the step accepted by the merit line search, 0 if none; moves the current iterate.
+        """Return the step size that the line search accepts, 0 if none; set the current iterate.
 
-        A trial whose defects grew with its curvature gets a second-order correction before it is given up.
+        A trial whose defects grow because of curvature gets a second-order correction before a shorter step is tried.
         """
         self.update_merit(direction)
         gap = self.current.gap
@@ -297,14 +297,14 @@ class Run:
                     self.outside = self.outside if left else None
                     self.gains.append(before - merit)
                     return size
-                blamed = np.isfinite(merit) and trial.gap > (1 - constants.GAP_DECREASE * size) * gap
-                if not blamed or correction == self.o.corrections:
+                defects_grew = np.isfinite(merit) and trial.gap > (1 - constants.GAP_DECREASE * size) * gap
+                if not defects_grew or correction == self.o.corrections:
                     break
                 trial = self.trial(trial.iterate, *close_defects(self.models, self.sweeps, trial.defects), 1.0)
             size *= self.o.step_shrink
         return 0.0
 
     def trial(self, start: Iterate, dx: list[Array], du: list[Array], size: float) -> Evaluated:
-        """Return the iterate a step away."""
+        """Return the iterate after a step."""
         feedback = [sweep.feedback for sweep in self.sweeps]
-        return self.evaluate(move(self.evaluator, start, dx, du, size, self.shooting, feedback))
+        return self.evaluate(move(self.functions, start, dx, du, size, self.shooting, feedback))

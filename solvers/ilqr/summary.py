@@ -1,4 +1,4 @@
-"""Accounts: what each named term of a solution cost, what each named constraint missed, and the trajectory itself."""
+"""Summary of a solution: the cost of each named term, the violation of each named constraint, and the trajectory."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from piaffe.ocp import CompiledPhase, CompiledProblem, Constraint, PhaseTrajecto
 
 from ..solution import Violation
 from . import barrier
-from .iterate import Evaluator, Iterate, PhaseDual, PhaseValues
+from .iterate import Iterate, PhaseDual, PhaseValues, ProblemFunctions
 
 Array = NDArray[np.float64]
 
 
 def term_costs(problem: CompiledProblem, values: list[PhaseValues]) -> dict[str, float]:
-    """Return the declared cost by term; terms of one name are added up."""
+    """Return the declared cost by term; the costs of terms with the same name are added."""
     costs: dict[str, float] = {}
     for phase, value in zip(problem.phases, values, strict=True):
         groups = (
@@ -32,7 +32,7 @@ def term_costs(problem: CompiledProblem, values: list[PhaseValues]) -> dict[str,
 
 
 def inequality_multipliers(value: PhaseValues, dual: PhaseDual, weight: float) -> tuple[Array, Array]:
-    """Return λ = −ε β'(g) of stages (as a rate) and of the last node."""
+    """Return λ = −ε β'(g − s) of the stages (per unit of time) and of the last node."""
     stages = -weight * barrier.slope(value.g - dual.shift, dual.relaxation)
     return stages, -weight * barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation)
 
@@ -43,15 +43,15 @@ def violations(
     """Return the worst violation of each named constraint, worst first."""
     worst: dict[tuple[str, str], Violation] = {}
     for phase, value, dual in zip(problem.phases, values, duals, strict=True):
-        push, end_push = inequality_multipliers(value, dual, weight)
+        stage_lambda, end_lambda = inequality_multipliers(value, dual, weight)
         n = phase.num_stages
         tables = (
-            ("stage_g", "inequality", np.maximum(-value.g, 0) * phase.g_mask, push, 0),
+            ("stage_g", "inequality", np.maximum(-value.g, 0) * phase.g_mask, stage_lambda, 0),
             ("stage_h", "equality", np.abs(value.h) * phase.h_mask, dual.multiplier, 0),
-            ("terminal_g", "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_push[None], n),
+            ("terminal_g", "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_lambda[None], n),
             ("terminal_h", "equality", (np.abs(value.end_h) * phase.end_h_mask)[None], dual.end_multiplier[None], n),
         )
-        for group, kind, amounts, pushes, first in tables:
+        for group, kind, amounts, multipliers, first in tables:
             for j, row in enumerate(phase.mode.rows[group]):
                 node = int(np.argmax(amounts[:, j]))
                 amount = float(amounts[node, j])
@@ -69,18 +69,18 @@ def violations(
                         row.unit,
                         kind,
                         source,
-                        float(pushes[node, j]),
+                        float(multipliers[node, j]),
                     )
     return tuple(sorted(worst.values(), key=lambda v: -v.amount))
 
 
-def trajectory(evaluator: Evaluator, iterate: Iterate, values: list[PhaseValues]) -> Trajectory:
-    """Return the plain record of an iterate."""
+def trajectory(functions: ProblemFunctions, iterate: Iterate, values: list[PhaseValues]) -> Trajectory:
+    """Return the trajectory of an iterate."""
     parts = []
-    for phase, x, u, value in zip(evaluator.problem.phases, iterate.states, iterate.controls, values, strict=True):
+    for phase, x, u, value in zip(functions.problem.phases, iterate.states, iterate.controls, values, strict=True):
         outputs: dict[Any, Array] = {}
         if phase.mode.outputs:
-            (stacked,) = evaluator.call(phase.mode.functions["outputs"], x[:-1], u, value.z, phase.p)
+            (stacked,) = functions.call(phase.mode.functions["outputs"], x[:-1], u, value.z, phase.p)
             first = 0
             for quantity, size in phase.mode.outputs:
                 outputs[quantity] = stacked[:, first : first + size]
@@ -96,7 +96,7 @@ def trajectory(evaluator: Evaluator, iterate: Iterate, values: list[PhaseValues]
 
 
 def limits(problem: CompiledProblem) -> tuple[dict[str, Any], ...]:
-    """Return what the constraints declared - bounds, labels, parameters - as JSON-able values, for plots."""
+    """Return bounds, labels and parameters of the constraints as values that JSON can store, for plots."""
     out = []
     for mode in dict.fromkeys(phase.mode for phase in problem.phases):
         phase = next(p for p in problem.phases if p.mode is mode)

@@ -1,4 +1,4 @@
-"""Warm starts: where a solve begins, and whether what was given for it can be used."""
+"""Warm starts: the first iterate of a solve, and the checks of an earlier solution for this use."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class WarmStart:
-    """What a solve takes from an earlier one.
+    """The parts of an earlier solution from which a solve can start.
 
     Args:
-        names: of the phases.
+        names: names of the phases.
         states, controls: per phase (N+1, nx) and (N, nu).
         multipliers: per phase, as in a :class:`PhaseSolution`.
-        barrier_weight: ε. cost: of that iterate. converged: whether it was a solution.
-        search: the state of the search, None if it was not kept.
+        barrier_weight: ε. cost: declared cost of the iterate. converged: whether the earlier solve converged.
+        search: the state of the search; None if it is not known.
     """
 
     names: Sequence[str]
@@ -40,7 +40,7 @@ class WarmStart:
 
     @staticmethod
     def of(solution: Solution) -> WarmStart:
-        """Return what a solution hands on."""
+        """Return the parts of a solution."""
         parts = solution.trajectory.phases
         return WarmStart(
             names=[part.name for part in parts], states=[part.states for part in parts],
@@ -51,10 +51,10 @@ class WarmStart:
 
 
 def first_iterate(problem: CompiledProblem, warm_start: WarmStart | None) -> Iterate:
-    """Return the states and controls to begin with: those of an earlier solve from the problem's start, or the guess.
+    """Return the first iterate: the guess, or an earlier solution with the initial state of the problem.
 
     Raises:
-        SolverError: it had other phases or sizes, or is not finite.
+        SolverError: the earlier solution has other phases or sizes, or is not finite.
     """
     if warm_start is None:
         return iterate_from(problem, None)
@@ -73,7 +73,7 @@ def first_iterate(problem: CompiledProblem, warm_start: WarmStart | None) -> Ite
 
 
 def iterate_from(problem: CompiledProblem, warm_start: WarmStart | None) -> Iterate:
-    """Return the first iterate of a start that has been checked."""
+    """Return the first iterate, without checks."""
     if warm_start is None:
         return Iterate([p.guess_states for p in problem.phases], [p.guess_controls for p in problem.phases])
     states = [x.copy() for x in warm_start.states]
@@ -82,17 +82,17 @@ def iterate_from(problem: CompiledProblem, warm_start: WarmStart | None) -> Iter
 
 
 def check_finite(problem: CompiledProblem, warm_start: WarmStart) -> None:
-    """Raise if a number of a warm start is NaN or infinite; name phase, node and component.
+    """Check that all numbers of a warm start are finite.
 
     Raises:
-        SolverError: one is not.
+        SolverError: one is NaN or infinite; the message names phase, node and component.
     """
     for i, phase in enumerate(problem.phases):
         name = warm_start.names[i]
         _check(name, "state", warm_start.states[i], phase.mode.state.stored_labels)
         _check(name, "control", warm_start.controls[i], phase.mode.model.control.labels)
         for kind, table in warm_start.multipliers[i].items():
-            if kind not in ("inequality", "end_inequality"):  # what the barrier says; the next solve does not read it
+            if kind not in ("inequality", "end_inequality"):  # results of the barrier, which a solve does not use
                 _check(name, kind.replace("_", " "), np.atleast_2d(table), ())
     if not np.isfinite(warm_start.barrier_weight):
         raise SolverError(

@@ -88,7 +88,7 @@ def test_interrupted_solve_returns_its_iterate() -> None:
 
 def test_interrupt_between_two_records_returns_the_last_whole_iterate(monkeypatch: pytest.MonkeyPatch) -> None:
     solver, calls = MSiLQR(swing_up(), backend="numpy"), []
-    original = solver.evaluator.values
+    original = solver.functions.values
 
     def values(*arguments: object) -> object:
         calls.append(1)
@@ -96,7 +96,7 @@ def test_interrupt_between_two_records_returns_the_last_whole_iterate(monkeypatc
             raise KeyboardInterrupt
         return original(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(solver.evaluator, "values", values)
+    monkeypatch.setattr(solver.functions, "values", values)
     solution = solver.solve()
     assert solution.status is Status.INTERRUPTED
     assert solution.cost == solution.history[-1].cost

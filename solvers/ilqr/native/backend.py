@@ -1,7 +1,6 @@
-"""The native backend of a solve: its memory made, filled, run in a thread that can be interrupted, and read.
+"""Run a solve in C: write its start into the solver's memory, run the solver in a thread, and read the result.
 
-A start (iterate, multipliers, state of the search) is written into the memory before a solve; the same comes out after
-it.
+The start is an iterate, multipliers, and the state of the search. The result has the same parts.
 """
 
 from __future__ import annotations
@@ -36,12 +35,12 @@ STATUS = (
     Status.CONVERGED, Status.ITERATION_LIMIT, Status.TIME_LIMIT, Status.LINE_SEARCH_FAILED, Status.INFEASIBLE,
     Status.NOT_FINITE, Status.INTERRUPTED,
 )  # fmt: skip
-"""In the order of the header's."""
+"""The statuses in the order of the enumeration in ``piaffe.h``."""
 _DUALS = ("relaxation", "shift", "multiplier", "penalty")
 
 
 def write(memory: SolverMemory, iterate: Iterate, outer: Outer, warm_start: WarmStart | None) -> int:
-    """Lay a start into the memory; return how ``piaffe_solve`` is to be called."""
+    """Write a start into the memory; return the argument ``resumed`` of ``piaffe_solve``."""
     for i, (x, u) in enumerate(zip(iterate.states, iterate.controls, strict=True)):
         memory.trial(i, "x")[:], memory.trial(i, "u")[:] = x.reshape(-1), u.reshape(-1)
     for name in _DUALS:
@@ -68,7 +67,7 @@ def _write_search(memory: SolverMemory, warm_start: WarmStart) -> int:
 
 
 def read_outer(memory: SolverMemory, outer: Outer) -> None:
-    """Take the memory's barrier and multipliers."""
+    """Copy barrier and multipliers from the memory."""
     for name in _DUALS:
         stages, ends = memory.read_rows(name, "stage"), memory.read_rows(name, "end")
         for dual, stage, end in zip(outer.duals, stages, ends, strict=True):
@@ -78,7 +77,7 @@ def read_outer(memory: SolverMemory, outer: Outer) -> None:
 
 
 def read_search(memory: SolverMemory) -> SearchState:
-    """Return the memory's state of the search."""
+    """Return the state of the search from the memory."""
     c = memory.c
     first = max(c.num_gains - len(c.gains), 0)
     return SearchState(
@@ -91,7 +90,7 @@ def read_search(memory: SolverMemory) -> SearchState:
 
 
 def read_iterate(memory: SolverMemory, read: Callable[[int, str], Array]) -> Iterate:
-    """Return a copy of the iterate that ``read`` reads: the memory's accepted, trial or outside."""
+    """Return a copy of an iterate in the memory; ``read`` is its method ``accepted``, ``trial`` or ``outside``."""
     states, controls = [], []
     for i, phase in enumerate(memory.problem.phases):
         states.append(read(i, "x").reshape(phase.num_stages + 1, -1).copy())
@@ -99,13 +98,13 @@ def read_iterate(memory: SolverMemory, read: Callable[[int, str], Array]) -> Ite
     return Iterate(states, controls)
 
 
-def drive(
+def run_native(
     memory: SolverMemory, run: Run, warm_start: WarmStart | None, report: Callable[[Record], None] | None
 ) -> Status:
-    """Run the compiled solver from a run's iterate and duals.
+    """Run the compiled solver from the iterate and the duals of a run, and write the result into the run.
 
-    Afterwards these are the end's, as are the run's history and policy. The solver runs in a thread of its own, so that
-    its log can be shown and Ctrl-C can stop it. However this function ends, the solver has stopped by then.
+    The result is iterate, duals, history and policy. The solver runs in a thread of its own, so that records are
+    reported during the solve and Ctrl-C stops it. When this function returns or raises, the solver has stopped.
     """
     c = memory.c
     resumed = write(memory, run.current.iterate, run.outer, warm_start)
@@ -115,7 +114,7 @@ def drive(
     try:
         worker.start()
         alive = True
-        while alive:  # once more after the end, for the records of a solve shorter than a poll
+        while alive:  # once more after the end, for the records since the last poll
             worker.wait(_POLL_S)
             alive = worker.runs
             _records(memory, run.history, report)
@@ -127,7 +126,7 @@ def drive(
     _records(memory, run.history, None)
     ended = STATUS[result[0]] if result else Status.INTERRUPTED
     read_outer(memory, run.outer)
-    run.take_up(read_search(memory))
+    run.restore(read_search(memory))
     run.current = run.evaluate(read_iterate(memory, memory.accepted if result else memory.trial))
     run.outside = read_iterate(memory, memory.outside) if memory.c.blocked else None
     run.policy = memory.policy() if result and ended is not Status.NOT_FINITE else None
@@ -135,7 +134,7 @@ def drive(
 
 
 def _records(memory: SolverMemory, history: list[Record], report: Callable[[Record], None] | None) -> None:
-    """Append the records that the solver has finished since the last call."""
+    """Append the records of the iterations since the last call, and report them."""
     for j in range(len(history), memory.c.num_records):
         row: s.Record = memory.history[j]
         values = {name: getattr(row, name) for name in s.RECORD}
@@ -148,7 +147,7 @@ def _records(memory: SolverMemory, history: list[Record], report: Callable[[Reco
 def native_memory(
     problem: CompiledProblem, options: Options, building: Callable[[int, int, str], None] | None = None
 ) -> SolverMemory | None:
-    """Return the memory of a solver that solves a problem in C; None, with one warning, where no compiler works."""
+    """Return the memory of the compiled solver for a problem; None, with a warning, if no compiler works."""
     try:
         library, _ = library_for(problem, progress=building)
     except NoCompilerError as error:

@@ -1,4 +1,4 @@
-"""Elimination: in which order the unknowns of the implicit part are solved for, and in which blocks."""
+"""Order and blocks of the elimination in the linear solve of the implicit dynamics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import casadi as cs
 from .tables import table
 
 LARGEST_BLOCK = 3
-"""Joints of a leg and forces of a foot come in threes; three rows of sums for 48 columns fill the registers."""
+"""A leg has three joints, a foot three force components; three rows with 48 columns of sums fill the registers."""
 
 Place = tuple[int, int]
 
@@ -21,10 +21,10 @@ class Elimination:
     """Block elimination of K without pivoting: K = (L + D) (I + D⁻¹ U), stored as the blocks of L, D⁻¹ and D⁻¹ U.
 
     Args:
-        block: rows of a block, the same for all.
-        order: unknown at each place, -1 where a block is filled up with a row of the identity.
-        lower: per row of blocks the columns left of the diagonal that elimination leaves not zero.
-        upper: those right of it.
+        block: number of rows of a block, the same for all.
+        order: index of the unknown at each place; -1 for a row of the identity that fills up a block.
+        lower: per block row, the block columns left of the diagonal that are nonzero after the elimination.
+        upper: per block row, those right of the diagonal.
     """
 
     block: int
@@ -43,18 +43,18 @@ class Elimination:
 
     @cached_property
     def stored(self) -> dict[Place, int]:
-        """Number of each block in memory: as substitution reads them, row by row forth, then back."""
-        forth = [(i, j) for i, row in enumerate(self.lower) for j in (*row, i)]
-        back = [(i, j) for i in reversed(range(len(self.upper))) for j in self.upper[i]]
-        return {place: number for number, place in enumerate(forth + back)}
+        """Index of each block in memory, in the order in which forward and backward substitution read them."""
+        forward = [(i, j) for i, row in enumerate(self.lower) for j in (*row, i)]
+        backward = [(i, j) for i in reversed(range(len(self.upper))) for j in self.upper[i]]
+        return {place: number for number, place in enumerate(forward + backward)}
 
     @property
     def size(self) -> int:
-        """Numbers in all blocks."""
+        """Number of entries of all blocks."""
         return len(self.stored) * self.block**2
 
     def at(self, row: int, column: int) -> int:
-        """Return where an entry of the reordered matrix is stored."""
+        """Return the index in memory of an entry of the reordered matrix."""
         (i, r), (j, c) = divmod(row, self.block), divmod(column, self.block)
         return self.stored[i, j] * self.block**2 + r * self.block + c
 
@@ -96,16 +96,16 @@ def _ends(rows: Sequence[Sequence[int]]) -> list[int]:
 
 
 def eliminate(K: cs.Sparsity, first: int) -> Elimination:
-    """Return how to eliminate.
+    """Return the elimination of a matrix.
 
-    The ``first`` unknowns, a definite block, go in the order of least degree on the pattern of K + Kᵀ; the others
-    follow as they come. Neighbours that leave the same fill share a block.
+    The ``first`` unknowns, whose block is definite, are in minimum-degree order on the pattern of K + Kᵀ. The others
+    follow in their own order. Consecutive unknowns with the same fill share a block.
 
     Args:
-        K: pattern of the matrix.
-        first: size of its definite block.
+        K: sparsity pattern of the matrix.
+        first: size of its leading definite block.
     """
-    order, rows = _least_degree(K, first)
+    order, rows = _minimum_degree(K, first)
     upper = [[j for j in row if j > i] for i, row in enumerate(rows)]
     groups: list[list[int]] = []
     for i in range(len(order)):
@@ -115,35 +115,35 @@ def eliminate(K: cs.Sparsity, first: int) -> Elimination:
             groups.append([i])
     block = max(map(len, groups), default=1)
     group_of = {i: number for number, group in enumerate(groups) for i in group}
-    linked = [sorted({group_of[j] for i in group for j in rows[i]} - {g}) for g, group in enumerate(groups)]
-    # a block is there if any of its entries is, on either side of the diagonal: the pattern is symmetric
+    nonzero = [sorted({group_of[j] for i in group for j in rows[i]} - {g}) for g, group in enumerate(groups)]
+    # a block is stored if any of its entries is nonzero; the pattern of the blocks is symmetric
     return Elimination(
         block,
         tuple(order[group[r]] if r < len(group) else -1 for group in groups for r in range(block)),
-        tuple(tuple(j for j in row if j < i) for i, row in enumerate(linked)),
-        tuple(tuple(j for j in row if j > i) for i, row in enumerate(linked)),
+        tuple(tuple(j for j in row if j < i) for i, row in enumerate(nonzero)),
+        tuple(tuple(j for j in row if j > i) for i, row in enumerate(nonzero)),
     )
 
 
-def _least_degree(K: cs.Sparsity, first: int) -> tuple[list[int], list[list[int]]]:
-    """Return an order of the unknowns, and per reordered row the entries off the diagonal with the fill it leaves."""
+def _minimum_degree(K: cs.Sparsity, first: int) -> tuple[list[int], list[list[int]]]:
+    """Return an order of the unknowns, and per reordered row its nonzero columns off the diagonal, fill included."""
     n = K.size1()
-    links: dict[int, set[int]] = {i: set() for i in range(n)}
+    neighbours: dict[int, set[int]] = {i: set() for i in range(n)}
     for r, c in zip(K.row(), K.get_col(), strict=True):
         if r != c:
-            links[r].add(c)
-            links[c].add(r)
-    pattern = {i: set(neighbours) for i, neighbours in links.items()}
+            neighbours[r].add(c)
+            neighbours[c].add(r)
+    pattern = {i: set(columns) for i, columns in neighbours.items()}
     order: list[int] = []
     rest = set(range(n))
     while rest:
         candidates = [i for i in rest if i < first] or [min(rest)]
-        pick = min(candidates, key=lambda i: (len(links[i]), i))
+        pick = min(candidates, key=lambda i: (len(neighbours[i]), i))
         rest.remove(pick)
-        for i in links[pick]:
-            links[i] |= links[pick] - {i}
-            links[i].discard(pick)
-            pattern[i] |= links[pick] - {i}
+        for i in neighbours[pick]:
+            neighbours[i] |= neighbours[pick] - {i}
+            neighbours[i].discard(pick)
+            pattern[i] |= neighbours[pick] - {i}
         order.append(pick)
     at = {unknown: place for place, unknown in enumerate(order)}
     return order, [sorted(at[j] for j in pattern[i]) for i in order]

@@ -1,4 +1,4 @@
-"""Kernels: what is special to a mode or a transition; its functions, and the C text that puts them into a template."""
+"""Kernels: the C code of one mode or transition, made of generated functions and a template with their sizes."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from .nonzeros import Nonzeros
 from .tables import defines, dynamics_rows, table
 
 MODE_FUNCTIONS = ("implicit", "stage", "stage_d", "terminal", "terminal_d")
-LINK_FUNCTIONS = ("implicit", "reset", "reset_d")
-"""The functions of a mode and of a transition that a kernel is made from."""
+TRANSITION_FUNCTIONS = ("implicit", "reset", "reset_d")
+"""The functions of a mode and of a transition that a kernel contains."""
 WHOLE_VECTORS = 8
-"""What a function puts out for one node is filled up to a multiple of this many numbers."""
+"""The number of outputs of a function is rounded up to a multiple of this."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """One mode's or transition's share of a library.
+    """The C code of one mode or transition.
 
     Args:
-        functions: what the template calls ``GENERATED(name)``.
+        functions: the functions that the template calls by ``GENERATED(name)``.
         text: sizes and tables, then the template.
     """
 
@@ -34,17 +34,17 @@ class Kernel:
 
 
 _LINE = 8
-"""Numbers in a line of the cache."""
+"""Doubles in a cache line."""
 
 
 class _Outputs:
-    """Outputs of a function that lie behind one another, with their places in C."""
+    """Outputs of a function in one array, with the C constants of their positions in it."""
 
     def __init__(self) -> None:
         self.values: list[cs.SX] = []
         self.lines: list[str] = []
         self.size = 0
-        self.written: dict[str, set[int]] = {"D": set(), "H": set()}  # where a node's matrices are not always zero
+        self.written: dict[str, set[int]] = {"D": set(), "H": set()}  # entries of a node's matrices that may be nonzero
 
     def add(self, name: str, values: cs.SX, lines: Iterable[str] = ()) -> None:
         self.lines += [f"#define AT_{name} {self.size}", *lines]
@@ -64,10 +64,11 @@ class _Outputs:
 
 
 def mode_kernel(number: int, mode: LoweredMode) -> Kernel:
-    """Return a mode's kernel.
+    """Return the kernel of a mode.
 
-    Its ``lq`` takes, beside x, u, z, p and the next state, a slope and a curvature per row (residuals, inequalities,
-    equalities), and contracts least squares: Jᵀ slope and the upper triangle of Jᵀ diag(curvature) J over (w, z).
+    The inputs of its ``lq`` are x, u, z, p, the next state, and a slope and a curvature per row (residuals,
+    inequalities, equalities). Its outputs contain the gradient Jᵀ slope and the upper triangle of the Hessian
+    Jᵀ diag(curvature) J over (w, z).
     """
     f, state = mode.functions, mode.state
     x, u, z, p = (cs.SX.sym(n, f["stage"].size1_in(i)) for i, n in enumerate("xuzp"))
@@ -105,13 +106,13 @@ def mode_kernel(number: int, mode: LoweredMode) -> Kernel:
     return Kernel(functions, "\n".join([*lines, '#include "mode.inc"', ""]))
 
 
-def link_kernel(number: int, link: LoweredTransition) -> Kernel:
-    """Return a transition's kernel."""
-    f, source, target = link.functions, link.source.state, link.target.state
+def transition_kernel(number: int, transition: LoweredTransition) -> Kernel:
+    """Return the kernel of a transition."""
+    f, source, target = transition.functions, transition.source.state, transition.target.state
     x, z, p = (cs.SX.sym(n, f["reset"].size1_in(i)) for i, n in enumerate("xzp"))
     xn = cs.SX.sym("xn", target.nx)
     K, r0 = f["implicit"](x, p)
-    implicit = _Implicit(K, r0, link.source.definite_size(link.key) if link.nz else 0)
+    implicit = _Implicit(K, r0, transition.source.definite_size(transition.key) if transition.nz else 0)
     out = _Outputs()
     _sensitivity(out, implicit.elimination, *f["reset_d"](x, z, p, xn))
     functions = {
@@ -120,8 +121,9 @@ def link_kernel(number: int, link: LoweredTransition) -> Kernel:
         "reset_d": out.function("reset_d", [x, z, p, xn]),
     }
     lines = defines(
-        ID=number, NX=source.nx, NDX=source.ndx, NXN=target.nx, NDXN=target.ndx, NZ=link.nz, NP=link.layout.size
-    )
+        ID=number, NX=source.nx, NDX=source.ndx, NXN=target.nx, NDXN=target.ndx, NZ=transition.nz,
+        NP=transition.layout.size,
+    )  # fmt: skip
     lines += ['#include "functions.h"', *implicit.elimination.tables(), *out.tables()]
     return Kernel(functions, "\n".join([*lines, '#include "link.inc"', ""]))
 
@@ -131,14 +133,14 @@ def _make(name: str, inputs: list[cs.SX], outputs: list[cs.SX]) -> cs.Function:
 
 
 class _Implicit:
-    """The implicit part K z + r0 = 0, laid out for elimination."""
+    """The implicit part K z + r0 = 0, in the order and the blocks of its elimination."""
 
     def __init__(self, K: cs.SX, r0: cs.SX, definite: int) -> None:
         self.K, self.r0 = cs.SX(cs.sparsify(K)), cs.densify(r0)
         self.elimination = eliminate(self.K.sparsity(), definite)
 
     def function(self, inputs: list[cs.SX]) -> cs.Function:
-        """Return the function of K's blocks, with zeros and rows of the identity where K has no entry, and of −r0."""
+        """Return the function whose outputs are the blocks of K, filled up with rows of the identity, and −r0."""
         order, place = self.elimination.order, self.elimination.place
         blocks, right = cs.SX.zeros(self.elimination.size), cs.SX.zeros(len(order))
         for row, unknown in enumerate(order):
@@ -146,17 +148,17 @@ class _Implicit:
                 blocks[self.elimination.at(row, row)] = 1
             else:
                 right[row] = -self.r0[unknown]
-        entries = Nonzeros.of(self.K)
-        blocks[[self.elimination.at(place[r], place[c]) for r, c in entries]] = entries.values
+        nonzeros = Nonzeros.of(self.K)
+        blocks[[self.elimination.at(place[r], place[c]) for r, c in nonzeros]] = nonzeros.values
         return _make("implicit", inputs, [blocks, right])
 
 
 def _sensitivity(out: _Outputs, elimination: Elimination, r_w: cs.SX, d_w: cs.SX, d_z: cs.SX) -> None:
-    """Add what makes D = d_w − d_z K⁻¹ r_w; the rows of D that d_z has a part in are full, the others keep zeros."""
+    """Add the parts of D = d_w − d_z K⁻¹ r_w. Rows of D that depend on z are dense, the others are sparse."""
     place, columns = elimination.place, d_w.size2()
     right = (-Nonzeros.of(r_w)).moved(rows=place)
     each = " ".join(f"DO({k}, {r}, {c})" for k, (r, c) in enumerate(right))
-    # not a table: that is slower than all the rest of it
+    # a macro, because a loop over a table takes longer than the rest of the function
     out.add("r_w", right.values, [f"#define EACH_r_w(DO) {each}"])
     by_z = Nonzeros.of(d_z).moved(columns=place)
     full = sorted(set(by_z.rows))
@@ -170,7 +172,10 @@ def _sensitivity(out: _Outputs, elimination: Elimination, r_w: cs.SX, d_w: cs.SX
 
 
 def _model(out: _Outputs, elimination: Elimination, gradient: cs.SX, hessian: cs.SX, nw: int) -> None:
-    """Add gradient and upper Hessian over (w, z), apart for w, z and both; Y are the rows of z that a cost bends."""
+    """Add the gradient and the upper Hessian over (w, z), in separate parts for w, z and mixed derivatives.
+
+    The rows of z with second derivatives are called *bent*: only these rows of Y = H_zw + H_zz Z are computed.
+    """
     place = elimination.place
     out.add("gradient", gradient[:nw])
     by_z = Nonzeros.of(gradient[nw:]).moved(rows=place)
@@ -194,12 +199,13 @@ def _model(out: _Outputs, elimination: Elimination, gradient: cs.SX, hessian: cs
     ])  # fmt: skip
 
 
-def _flat(entries: Nonzeros, columns: int) -> list[int]:
-    """Return places in a row-major matrix."""
-    return [r * columns + c for r, c in entries]
+def _flat(nonzeros: Nonzeros, columns: int) -> list[int]:
+    """Return the positions of nonzeros in a row-major matrix."""
+    return [r * columns + c for r, c in nonzeros]
 
 
 def _contracted(J: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
+    """Return symbols for slope and curvature of each row, and the gradient and upper Hessian of least squares."""
     J = cs.SX(cs.sparsify(J))
     slope, curvature = cs.SX.sym("slope", J.size1()), cs.SX.sym("curvature", J.size1())
     hessian = cs.triu(cs.mtimes(J.T, cs.mtimes(cs.diag(curvature), J)))

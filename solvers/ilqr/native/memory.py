@@ -1,4 +1,4 @@
-"""The memory of the compiled solver: a problem laid out for it, and its runs."""
+"""The memory of the compiled solver: the arrays and C structures of one problem."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from .library import Library
 
 Array = NDArray[np.float64]
 
-_CHUNK = 2**17  # doubles that arrays are cut from
-_LINE = 8  # doubles in a line of the cache
+_CHUNK = 2**17  # doubles that are allocated at once, for many arrays
+_LINE = 8  # doubles in a cache line
 
 
 @dataclass(frozen=True)
-class Rows:
-    """How many numbers of each kind a node has: parameters, rows, implicit variables and factors of their matrix."""
+class NodeSizes:
+    """Sizes of a node: parameters, rows of each kind, implicit variables, and factors of their matrix."""
 
     p: int
     residual: int = 0
@@ -35,7 +35,7 @@ class Rows:
     factors: int = 0
 
     def of_block(self) -> dict[str, int]:
-        """Return how many numbers per node each array of a block holds."""
+        """Return the size per node of each array of a block."""
         values = {"z": self.z, "residual": self.residual, "g": self.g, "h": self.h, "factors": self.factors}
         return {
             **values, **{name + "0": count for name, count in values.items()},
@@ -45,13 +45,13 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Lanes:
-    """Blocks of one kind and size: nodes (phase, index), W of them side by side in each.
+class NodeBlocks:
+    """Blocks of W nodes of one kind and size; a SIMD instruction computes the W nodes of a block at once.
 
     Args:
-        kind: ``"stage"``, ``"end"`` or ``"link"``.
-        nodes: phase and index of each, phase by phase.
-        blocks: arrays by name of each block, (rows W,).
+        kind: ``"stage"``, ``"end"`` or ``"transition"``.
+        nodes: phase and index of each node, phase by phase.
+        blocks: arrays by name of each block, (rows W,): the numbers of the W nodes are adjacent.
         width: W.
     """
 
@@ -61,30 +61,30 @@ class Lanes:
     width: int
 
     def write(self, name: str, table: Array, spare: float | None = None) -> None:
-        """Write rows per node, (nodes, rows); lanes beyond the nodes are ``spare``, or repeat the block's first."""
+        """Write rows per node, (nodes, rows); unused places of a block are ``spare``, or repeat its first node."""
         for first, block in zip(range(0, len(table), self.width), self.blocks, strict=True):
-            lanes, own = block[name].reshape(-1, self.width), table[first : first + self.width].T
-            lanes[:, : own.shape[1]] = own
-            lanes[:, own.shape[1] :] = own[:, :1] if spare is None else spare
+            places, own = block[name].reshape(-1, self.width), table[first : first + self.width].T
+            places[:, : own.shape[1]] = own
+            places[:, own.shape[1] :] = own[:, :1] if spare is None else spare
 
     def read(self, name: str) -> Array:
         """Return rows per node, (nodes, rows)."""
-        lanes = [block[name].reshape(-1, self.width).T for block in self.blocks]
-        return np.concatenate(lanes)[: len(self.nodes)]
+        tables = [block[name].reshape(-1, self.width).T for block in self.blocks]
+        return np.concatenate(tables)[: len(self.nodes)]
 
 
 class SolverMemory:
-    """Memory of one problem and the library that solves it; all memory is allocated here, once.
+    """The memory of the compiled solver for one problem; the constructor allocates all of it.
 
     Args:
         problem: the compiled problem.
-        library: the library of its modes.
+        library: the library for its modes.
         options: options.
     """
 
     def __init__(self, problem: CompiledProblem, library: Library, options: Options) -> None:
-        self.problem, self.width, self.origin = problem, library.built.width, library
-        modes, links, width = library.modes, library.links, library.built.width
+        self.problem, self.width, self.compiled_library = problem, library.built.width, library
+        modes, transitions, width = library.modes, library.transitions, library.built.width
         self.types = s.structs(width)
         self.library = library.loaded
         self.library.piaffe_solve.restype = ct.c_int
@@ -94,13 +94,13 @@ class SolverMemory:
         self.arrays: list[dict[str, Array]] = []
         self.c = self.types.Problem()
         self.phases = self._phases(modes)
-        self.lanes: list[Lanes] = []
-        groups = [self._group(number, mode) for number, mode in enumerate(modes)]
-        linked = [self._link(number, link) for number, link in enumerate(links)]
-        self.c.num_phases, self.c.num_groups, self.c.num_links = len(problem.phases), len(groups), len(linked)
+        self.blocks: list[NodeBlocks] = []
+        groups = [self._mode_group(number, mode) for number, mode in enumerate(modes)]
+        resets = [self._transition_group(number, transition) for number, transition in enumerate(transitions)]
+        self.c.num_phases, self.c.num_groups, self.c.num_links = len(problem.phases), len(groups), len(resets)
         self.c.phases = self.phases
         self.c.groups = self._keep((self.types.Group * max(len(groups), 1))(*groups))
-        self.c.links = self._keep((self.types.Group * max(len(linked), 1))(*linked))
+        self.c.links = self._keep((self.types.Group * max(len(resets), 1))(*resets))
         self.initial = self._array(problem.initial.size, problem.initial)
         self.c.initial = self.initial.ctypes.data
         self.history = self._keep((s.Record * options.max_iterations)())
@@ -118,7 +118,7 @@ class SolverMemory:
         return thing
 
     def _array(self, size: int, values: Array | float | None = None) -> Array:
-        """Return an array of doubles aligned to 64 bytes, cut from a larger one."""
+        """Return an array of doubles, aligned to 64 bytes; it is part of a larger one."""
         if self._free.size < size:
             raw = self._keep(np.zeros(max(_CHUNK, size) + _LINE))
             self._free = raw[(-raw.ctypes.data % 64) // 8 :]
@@ -155,8 +155,8 @@ class SolverMemory:
 
     # ---- blocks
 
-    def _group(self, number: int, mode: LoweredMode) -> Any:
-        """Return the group of a mode: its stages and its phase ends, W to a block."""
+    def _mode_group(self, number: int, mode: LoweredMode) -> Any:
+        """Return the group of a mode: the blocks of its stages and of its phase ends."""
         phases = [(i, phase) for i, phase in enumerate(self.problem.phases) if phase.mode is mode]
         stages = [(i, k) for i, phase in phases for k in range(phase.num_stages)]
         ends = [(i, phase.num_stages) for i, phase in phases]
@@ -165,65 +165,66 @@ class SolverMemory:
         sizes = s.ModeSizes.in_dll(self.library, f"mode{number}_table")
         group.mode = ct.addressof(sizes)
         size = mode.layout.size
-        stage = Rows(size, rows["stage_residual"], rows["stage_g"], rows["stage_h"], mode.nz, sizes.nf)
-        end = Rows(size, rows["terminal_residual"], rows["terminal_g"], rows["terminal_h"])
+        stage = NodeSizes(size, rows["stage_residual"], rows["stage_g"], rows["stage_h"], mode.nz, sizes.nf)
+        end = NodeSizes(size, rows["terminal_residual"], rows["terminal_g"], rows["terminal_h"])
         group.blocks, group.num_blocks = self._blocks("stage", stages, stage)
         group.ends, group.num_ends = self._blocks("end", ends, end)
         return group
 
-    def _link(self, number: int, link: LoweredTransition) -> Any:
+    def _transition_group(self, number: int, transition: LoweredTransition) -> Any:
         """Return the group of a transition."""
-        where = [(i, phase.num_stages) for i, phase in enumerate(self.problem.phases) if phase.transition is link]
+        phases = enumerate(self.problem.phases)
+        where = [(i, phase.num_stages) for i, phase in phases if phase.transition is transition]
         group = self.types.Group()
         sizes = s.TransitionSizes.in_dll(self.library, f"link{number}_table")
         group.transition = ct.addressof(sizes)
         group.blocks, group.num_blocks = self._blocks(
-            "link", where, Rows(link.layout.size, z=link.nz, factors=sizes.nf)
+            "transition", where, NodeSizes(transition.layout.size, z=transition.nz, factors=sizes.nf)
         )
         return group
 
-    def _blocks(self, kind: str, nodes: list[tuple[int, int]], rows: Rows) -> tuple[Any, int]:
-        """Return the blocks of some nodes, and how many they are."""
+    def _blocks(self, kind: str, nodes: list[tuple[int, int]], sizes: NodeSizes) -> tuple[Any, int]:
+        """Return the blocks of some nodes, and their number."""
         parts = [nodes[i : i + self.width] for i in range(0, len(nodes), self.width)]
         own = self._keep((self.types.Block * max(len(parts), 1))())
-        arrays = [self._block(block, part, rows) for block, part in zip(own, parts, strict=False)]
-        self.lanes.append(Lanes(kind, nodes, arrays, self.width))
-        self._fill(self.lanes[-1])
+        arrays = [self._block(block, part, sizes) for block, part in zip(own, parts, strict=False)]
+        self.blocks.append(NodeBlocks(kind, nodes, arrays, self.width))
+        self._fill(self.blocks[-1])
         return own, len(parts)
 
-    def _block(self, block: Any, nodes: list[tuple[int, int]], rows: Rows) -> dict[str, Array]:
-        """Give a block its nodes and its arrays."""
+    def _block(self, block: Any, nodes: list[tuple[int, int]], sizes: NodeSizes) -> dict[str, Array]:
+        """Set the nodes of a block, and allocate its arrays."""
         block.count = len(nodes)
         for lane, (i, k) in enumerate(nodes):
             block.phase[lane], block.index[lane] = i, k
             block.dt[lane] = self.problem.phases[i].dt
         arrays: dict[str, Array] = {}
-        for name, count in rows.of_block().items():
+        for name, count in sizes.of_block().items():
             arrays[name] = self._array(count * self.width)
             setattr(block, name, arrays[name].ctypes.data)
         return arrays
 
-    def _fill(self, lanes: Lanes) -> None:
-        """Write parameters, weights and masks of nodes; lanes beyond them repeat a first one and weigh nothing."""
-        phases = [self.problem.phases[i] for i in dict.fromkeys(i for i, _ in lanes.nodes)]
+    def _fill(self, blocks: NodeBlocks) -> None:
+        """Write parameters, weights and masks; unused places repeat the block's first node with weights and masks 0."""
+        phases = [self.problem.phases[i] for i in dict.fromkeys(i for i, _ in blocks.nodes)]
         if not phases:
             return
-        if lanes.kind == "link":
-            lanes.write("p", np.array([phase.p_transition for phase in phases]))
-        elif lanes.kind == "end":
-            lanes.write("p", np.array([phase.p_end for phase in phases]))
-            lanes.write("weight", np.array([phase.end_weight for phase in phases]), spare=0.0)
-            lanes.write("g_mask", np.array([phase.end_g_mask for phase in phases]), spare=0.0)
-            lanes.write("h_mask", np.array([phase.end_h_mask for phase in phases]), spare=0.0)
+        if blocks.kind == "transition":
+            blocks.write("p", np.array([phase.p_transition for phase in phases]))
+        elif blocks.kind == "end":
+            blocks.write("p", np.array([phase.p_end for phase in phases]))
+            blocks.write("weight", np.array([phase.end_weight for phase in phases]), spare=0.0)
+            blocks.write("g_mask", np.array([phase.end_g_mask for phase in phases]), spare=0.0)
+            blocks.write("h_mask", np.array([phase.end_h_mask for phase in phases]), spare=0.0)
         else:
-            lanes.write("p", np.concatenate([phase.p for phase in phases]))
+            blocks.write("p", np.concatenate([phase.p for phase in phases]))
             for name in ("weight", "g_mask", "h_mask"):
-                lanes.write(name, np.concatenate([getattr(phase, name) for phase in phases]), spare=0.0)
+                blocks.write(name, np.concatenate([getattr(phase, name) for phase in phases]), spare=0.0)
 
     def fault(self) -> str:
-        """Return where a step or its derivative is not finite in the solver's own memory; empty if nowhere.
+        """Return a sentence about a step or derivative that is not finite in the solver's memory; empty if all are.
 
-        It is asked where NumPy, which pivots in the linear solve of an implicit step, finds nothing that is not.
+        It is used if NumPy finds all values finite: NumPy's linear solve of the implicit step has pivots, this one not.
         """
         for phase, own in zip(self.problem.phases, self.arrays, strict=True):
             for name, of in (("x_next", ""), ("D", "derivative of ")):
@@ -236,30 +237,30 @@ class SolverMemory:
                     )
         return ""
 
-    def renumber(self, problem: CompiledProblem) -> None:
-        """Turn to another problem of the same phases and functions, which differs in its numbers alone."""
+    def set_numbers(self, problem: CompiledProblem) -> None:
+        """Write the numbers of another problem, which has the same phases and functions."""
         self.problem = problem
         self.initial[:] = problem.initial
-        for lanes in self.lanes:
-            self._fill(lanes)
+        for blocks in self.blocks:
+            self._fill(blocks)
 
-    # ---- rows in lanes and back
+    # ---- arrays with a number per row
 
     def write_rows(self, name: str, kind: str, values: list[Array]) -> None:
-        """Write per-row values, (N, rows) per phase for stages or (rows,) for ends, into the lanes."""
-        for lanes in self.lanes:
-            if lanes.kind == kind and lanes.nodes:
-                own = [values[i] for i in dict.fromkeys(i for i, _ in lanes.nodes)]
-                lanes.write(name, np.concatenate(own) if kind == "stage" else np.array(own))
+        """Write an array of the blocks from its values per phase, (N, rows) for stages or (rows,) for ends."""
+        for blocks in self.blocks:
+            if blocks.kind == kind and blocks.nodes:
+                own = [values[i] for i in dict.fromkeys(i for i, _ in blocks.nodes)]
+                blocks.write(name, np.concatenate(own) if kind == "stage" else np.array(own))
 
     def read_rows(self, name: str, kind: str) -> list[Array]:
-        """Return what ``write_rows`` wrote and the solver changed."""
+        """Return an array of the blocks as values per phase, see :meth:`write_rows`."""
         out: list[Array] = [np.zeros(0)] * len(self.problem.phases)
-        for lanes in self.lanes:
-            if lanes.kind != kind or not lanes.nodes:
+        for blocks in self.blocks:
+            if blocks.kind != kind or not blocks.nodes:
                 continue
-            table, first = lanes.read(name), 0
-            for i in dict.fromkeys(i for i, _ in lanes.nodes):
+            table, first = blocks.read(name), 0
+            for i in dict.fromkeys(i for i, _ in blocks.nodes):
                 if kind == "end":
                     out[i], first = table[first], first + 1
                 else:
@@ -268,7 +269,7 @@ class SolverMemory:
         return out
 
     def accepted(self, i: int, name: str) -> Array:
-        """Return x, u or d of the accepted iterate of a phase; the solver swaps buffers, so ask through its pointer."""
+        """Return x, u or d of a phase's accepted iterate; the solver swaps buffers, so its pointer decides which."""
         other = {"x": "xt", "u": "ut", "d": "dt_trial"}[name]
         here = getattr(self.phases[i], name)
         own = self.arrays[i]
@@ -279,7 +280,7 @@ class SolverMemory:
         return self.arrays[i][f"{name}_outside"]
 
     def policy(self) -> list[Sweep]:
-        """Return the policy and expansions at the accepted iterate, least regularised; zeros if no sweep succeeds."""
+        """Return policy and expansions at the accepted iterate, least regularised; zeros if no sweep succeeds."""
         found = self.library.piaffe_policy(ct.byref(self.c))
         sweeps = []
         for own, phase in zip(self.arrays, self.problem.phases, strict=True):
@@ -293,7 +294,7 @@ class SolverMemory:
         return sweeps
 
     def trial(self, i: int, name: str) -> Array:
-        """Return the trial buffer that is not the accepted one."""
+        """Return x or u of a phase's trial, which is the buffer that :meth:`accepted` does not return."""
         other = {"x": "xt", "u": "ut"}[name]
         own = self.arrays[i]
         return own[other] if self.accepted(i, name) is own[name] else own[name]

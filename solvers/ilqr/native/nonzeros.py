@@ -1,4 +1,4 @@
-"""Nonzeros: the nonzeros of a sparse matrix in an order of choice, as a function puts them out and C finds them."""
+"""The nonzeros of a sparse matrix in a chosen order: outputs of a function, and tables of their positions for C."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ class Nonzeros:
         return Nonzeros(-self.values, self.rows, self.columns)
 
     def moved(self, rows: Sequence[int] | None = None, columns: Sequence[int] | None = None) -> Nonzeros:
-        """Return the same with row and column i at ``rows[i]`` and ``columns[i]``, in order again."""
+        """Return the nonzeros with row i moved to ``rows[i]`` and column i to ``columns[i]``, sorted."""
         at = [
             (r if rows is None else rows[r], c if columns is None else columns[c], k) for k, (r, c) in enumerate(self)
         ]
         return self._picked(sorted(at))
 
     def where(self, holds: Callable[[int, int], bool]) -> Nonzeros:
-        """Return those whose row and column a condition holds for."""
+        """Return the nonzeros for whose row and column a condition holds."""
         return self._picked([(r, c, k) for k, (r, c) in enumerate(self) if holds(r, c)])
 
     def _picked(self, at: list[tuple[int, int, int]]) -> Nonzeros:
@@ -56,5 +56,5 @@ class Nonzeros:
         return Nonzeros(cs.densify(values), tuple(r for r, _, _ in at), tuple(c for _, c, _ in at))
 
     def tables(self, name: str) -> list[str]:
-        """Return their places in C."""
+        """Return the C tables of their rows and columns."""
         return [f"#define NNZ_{name} {len(self)}", table(f"{name}_row", self.rows), table(f"{name}_col", self.columns)]

@@ -1,4 +1,4 @@
-"""Programs: a compiled problem's modes and transitions as C sources, specialised to their sizes."""
+"""Programs: the C sources of the solver for the modes and transitions of a compiled problem."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from pathlib import Path
 
 import casadi as cs
 
-from piaffe.codegen import generate
-from piaffe.codegen import simd as lanes
+from piaffe.codegen import generate, simd
 from piaffe.ocp import LoweredMode, LoweredTransition
 
 from ... import constants
-from .kernel import LINK_FUNCTIONS, MODE_FUNCTIONS, link_kernel, mode_kernel
+from .kernel import MODE_FUNCTIONS, TRANSITION_FUNCTIONS, mode_kernel, transition_kernel
 
 TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
     "piaffe.h", "parts.h",
@@ -22,25 +21,25 @@ TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encod
     "parts.inc",
     "mode.inc", "link.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "rollout.inc",
 )}  # fmt: skip
-"""What is shared; the solver, one unit; a mode's or transition's unit."""
+"""Shared headers; files of the solver's unit; files of the units of modes and transitions."""
 
 MAKERS = ("elimination.py", "nonzeros.py", "kernel.py", "library.py", "program.py", "tables.py")
-_SOURCES = (  # read when they are imported: what they say later is not what made the texts
+_SOURCES = (  # read at import, because a later change of a file does not change the imported code
     *(files(__package__).joinpath(name).read_text(encoding="utf-8") for name in MAKERS),
-    Path(lanes.__file__).read_text(encoding="utf-8"),
+    Path(simd.__file__).read_text(encoding="utf-8"),
 )
 
 
 @dataclass(frozen=True)
 class Program:
-    """What is compiled into one library.
+    """The sources of one library.
 
     Args:
-        expressions: generated units (name, text): long, compiled lightly.
-        kernels: the solver and its kernels (name, text): short, compiled hard.
+        expressions: generated units (name, text): long, compiled with low optimisation.
+        kernels: the solver and its kernels (name, text): short, compiled with high optimisation.
         headers: file name → text.
 
-    Modes have tables ``mode0_table``, ..., transitions ``link0_table``, ..., in the order given.
+    Modes have tables ``mode0_table``, ..., transitions ``link0_table``, ..., in the given order.
     """
 
     expressions: tuple[tuple[str, str], ...]
@@ -48,30 +47,31 @@ class Program:
     headers: Mapping[str, str]
 
 
-def origin(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...]) -> list[str]:
-    """Return what :func:`program` makes its sources from: functions and sizes, and the modules that make them.
+def source_parts(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTransition, ...]) -> list[str]:
+    """Return texts that determine the sources of :func:`program`: functions, sizes, and the modules that make them.
 
-    To write the functions out as CasADi does takes a tenth of the time that it takes to lower them to C.
+    To serialise the functions takes a tenth of the time that it takes to generate their C code.
     """
-    parts = [cs.CasadiMeta.version(), lanes.SIMD_H, constants_header(), *_SOURCES]
+    parts = [cs.CasadiMeta.version(), simd.SIMD_H, constants_header(), *_SOURCES]
     parts += [part for entry in TEMPLATES.items() for part in entry]
     for mode in modes:
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]
         rows = [(name, len(rows)) for name, rows in mode.rows.items()]
         sizes = repr((spaces, mode.nu, mode.nz, mode.layout.size, rows, mode.model.definite_size(mode.key)))
-        parts += ["mode", sizes, *_written(mode.functions, MODE_FUNCTIONS)]
-    for link in links:
-        definite = link.source.definite_size(link.key) if link.nz else 0
-        sizes = repr((link.source.state.ndx, link.target.state.ndx, link.nz, link.layout.size, definite))
-        parts += ["link", sizes, *_written(link.functions, LINK_FUNCTIONS)]
+        parts += ["mode", sizes, *_serialized(mode.functions, MODE_FUNCTIONS)]
+    for transition in transitions:
+        source, target = transition.source, transition.target
+        definite = source.definite_size(transition.key) if transition.nz else 0
+        sizes = repr((source.state.ndx, target.state.ndx, transition.nz, transition.layout.size, definite))
+        parts += ["transition", sizes, *_serialized(transition.functions, TRANSITION_FUNCTIONS)]
     return parts
 
 
-def _written(functions: Mapping[str, cs.Function], names: tuple[str, ...]) -> list[str]:
+def _serialized(functions: Mapping[str, cs.Function], names: tuple[str, ...]) -> list[str]:
     return [functions[name].serialize() for name in names]
 
 
-def program(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...]) -> Program:
+def program(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTransition, ...]) -> Program:
     """Return the sources for modes and transitions."""
     functions: dict[str, cs.Function] = {}
     kernels = [("solver", TEMPLATES["solver.c"])]
@@ -79,8 +79,8 @@ def program(modes: tuple[LoweredMode, ...], links: tuple[LoweredTransition, ...]
         kernel = mode_kernel(number, mode)
         functions |= {f"mode{number}_f_{name}": f for name, f in kernel.functions.items()}
         kernels.append((f"mode{number}", kernel.text))
-    for number, link in enumerate(links):
-        kernel = link_kernel(number, link)
+    for number, transition in enumerate(transitions):
+        kernel = transition_kernel(number, transition)
         functions |= {f"link{number}_f_{name}": f for name, f in kernel.functions.items()}
         kernels.append((f"link{number}", kernel.text))
     units = generate(functions)

@@ -63,20 +63,20 @@ Phase._fields_ = [
 
 
 class ModeSizes(ct.Structure):
-    """How a mode's table begins."""
+    """The sizes at the beginning of a mode's table."""
 
     _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nu", "nz", "nf")]
 
 
 class TransitionSizes(ct.Structure):
-    """How a transition's table begins."""
+    """The sizes at the beginning of a transition's table."""
 
     _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nx_next", "ndx_next", "nz", "nf")]
 
 
 @dataclass(frozen=True)
 class Structs:
-    """Structures whose layout depends on the lane width."""
+    """Structures whose layout depends on the number of doubles per vector."""
 
     Block: Any
     Group: Any
@@ -84,7 +84,7 @@ class Structs:
 
 
 def structs(width: int) -> Structs:
-    """Return the structures for a lane width."""
+    """Return the structures for a number of doubles per vector."""
 
     class Block(ct.Structure):
         _fields_ = [

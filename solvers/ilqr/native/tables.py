@@ -1,4 +1,4 @@
-"""Tables: what the kernels' C texts know of sparsity, as constant arrays."""
+"""Tables: sizes and sparsity patterns of a kernel as C constants and constant arrays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import casadi as cs
 
-TABLE = "static const int __attribute__((unused))"  # a mode without implicit variables has no use for some
+TABLE = "static const int __attribute__((unused))"  # a mode without implicit variables does not use all of them
 WIDTHS = (4, 8)
 """Doubles per vector that ``tiles.inc`` works with."""
 
@@ -17,12 +17,12 @@ def defines(**values: int) -> list[str]:
 
 
 def table(name: str, numbers: Sequence[int]) -> str:
-    """Return a constant array; C has none without entries."""
+    """Return a constant array; C does not allow an empty one, so it has at least one entry."""
     return f"{TABLE} {name}[] = {{{', '.join(map(str, numbers)) or '0'}}};"
 
 
 def lists(name: str, entries: Sequence[Sequence[int]]) -> list[str]:
-    """Return lists of numbers one after another, ``name_row``, and where each begins, ``name_from``."""
+    """Return lists of numbers as one array, ``name_row``, and the index at which each list begins, ``name_from``."""
     ends = [0]
     for own in entries:
         ends.append(ends[-1] + len(own))
@@ -30,9 +30,9 @@ def lists(name: str, entries: Sequence[Sequence[int]]) -> list[str]:
 
 
 def dynamics_rows(d_w: cs.Sparsity, d_z: cs.Sparsity) -> list[str]:
-    """Return the tables of ``riccati.inc``: which rows of D are dense, and where the entries of the others are.
+    """Return the tables of ``riccati.inc``: the dense rows of D, and the positions of the nonzeros of the other rows.
 
-    A row is dense if it depends on implicit variables or has entries in more than half of the vectors of eight columns.
+    A row is dense if it depends on implicit variables, or has nonzeros in more than half of its vectors of 8 columns.
     """
     num_rows, num_cols = d_w.size1(), d_w.size2()
     columns: list[list[int]] = [[] for _ in range(num_rows)]

@@ -79,7 +79,7 @@ def test_recentred_row_pushes_at_zero_as_it_pushed_where_it_was() -> None:
     np.testing.assert_allclose(barrier.slope(0 - moved, relaxation), barrier.slope(g - shift, relaxation))
 
 
-def test_recentring_lets_go_of_rows_that_need_it_no_more() -> None:
+def test_shift_of_a_row_that_does_not_need_it_returns_to_zero() -> None:
     shift, g = np.array([0.02, 0.02, 0.0, 0.0]), np.array([0.005, 0.5, 0.3, -0.1])
     mask = np.array([1.0, 1.0, 1.0, 0.0])
     np.testing.assert_allclose(barrier.recentre(shift, g, mask, slack=1e-5), [0.015, 0.0, 0.0, 0.0])

@@ -18,7 +18,7 @@ STEP = 1e-6  # central differences: error of order STEP² from curvature and 1e-
 
 def begin(solver: MSiLQR, start: Iterate) -> Run:
     """Return a run that stands at ``start``, all nodes shooting."""
-    return Run(solver.evaluator, solver.options, start, solver.flags(True), None)
+    return Run(solver.functions, solver.options, start, solver.flags(True), None)
 
 
 def somewhere(name: str) -> Run:
@@ -108,10 +108,10 @@ def test_defects_vanish_on_a_simulated_trajectory(name: str) -> None:
     states, x = [], run.problem.initial
     for i, (phase, u) in enumerate(zip(run.problem.phases, run.current.iterate.controls, strict=True)):
         rows = [x]
-        rows += [x := run.evaluator.step(i, k, x, u[k]) for k in range(phase.num_stages)]
+        rows += [x := run.functions.step(i, k, x, u[k]) for k in range(phase.num_stages)]
         states.append(np.array(rows))
         if phase.transition is not None:
-            x = run.evaluator.reset(i, x)
+            x = run.functions.reset(i, x)
     assert run.evaluate(Iterate(states, run.current.iterate.controls)).max_defect < 1e-12
 
 
@@ -119,8 +119,8 @@ def test_defect_is_what_the_step_gives_minus_what_is_there() -> None:
     run = somewhere("rope")
     x, u, d = run.current.iterate.states, run.current.iterate.controls, run.current.defects
     np.testing.assert_allclose(d[0][0], run.problem.initial - x[0][0])
-    np.testing.assert_allclose(d[0][5], run.evaluator.step(0, 4, x[0][4], u[0][4]) - x[0][5])
-    np.testing.assert_allclose(d[1][0], run.evaluator.reset(0, x[0][-1]) - x[1][0])
+    np.testing.assert_allclose(d[0][5], run.functions.step(0, 4, x[0][4], u[0][4]) - x[0][5])
+    np.testing.assert_allclose(d[1][0], run.functions.reset(0, x[0][-1]) - x[1][0])
 
 
 def test_masked_rows_count_for_nothing() -> None:

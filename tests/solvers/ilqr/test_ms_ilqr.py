@@ -354,7 +354,7 @@ def test_other_weights_limits_targets_and_timings_lower_nothing_again() -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"max_defect": 0.0}, "options: max_defect is out of range - got 0.0, expected a positive number; raise it"),
+        ({"max_defect": 0.0}, "options: max_defect is out of range - got 0.0, expected a positive number; increase"),
         ({"barrier_weight": -1.0}, "options: barrier_weight is out of range - got -1.0, expected a positive number"),
         ({"barrier_weight": float("nan")}, "options: barrier_weight is out of range - got nan"),
         ({"step_shrink": 1.5}, "options: step_shrink is out of range - got 1.5, expected below 1; lower it"),

@@ -1,4 +1,4 @@
-/* The parts of an iteration, each to be run by itself: for benchmarks, which time them, and for checks of memory. */
+/* The parts of an iteration as separate functions: for benchmarks, which time them, and for checks of memory. */
 #ifndef PIAFFE_PARTS_H
 #define PIAFFE_PARTS_H
 
@@ -9,7 +9,7 @@ typedef struct {
     void (*run)(struct Problem *problem);
 } Part;
 
-/* In the order of an iteration; a name of NULL follows the last. They need the linear-quadratic model of the accepted iterate,
- * which a solve leaves behind, and do not change that iterate. */
+/* In the order of an iteration; the last entry has the name NULL. They need the linear-quadratic model of the accepted iterate,
+ * which is available after a solve, and do not change this iterate. */
 extern const Part piaffe_parts[];
 #endif

@@ -1,4 +1,4 @@
-/* What the solver, the modes and the binding share. Sizes are those of the compiled problem; memory belongs to the caller. */
+/* The interface between the solver, the modes and Python. Sizes are those of the compiled problem; the caller owns all memory. */
 #ifndef PIAFFE_H
 #define PIAFFE_H
 #include <stddef.h>
@@ -7,23 +7,23 @@
 
 #define W PIAFFE_W
 
-/* Nodes that are evaluated together, one per lane. Lanes beyond `count` repeat lane 0 and weigh nothing. Arrays in lane
- * layout hold row r of lane l at [r * W + l]. */
+/* W nodes that are evaluated together, one per SIMD lane. Lanes beyond `count` repeat lane 0, with weights and masks 0. In the
+ * arrays of a block, row r of lane l is at [r * W + l]. */
 typedef struct {
     int count;
-    int phase[W], index[W];                 /* which stage (or phase end, or transition) is in which lane */
+    int phase[W], index[W];                 /* the stage (or phase end, or transition) of each lane */
     double dt[W];                           /* time step; 0 in lanes beyond count */
     double *p;                              /* parameters */
     double *weight, *g_mask, *h_mask;       /* per row; 0 in lanes beyond count */
     double *z, *residual, *g, *h;           /* values at the trial */
     double *z0, *residual0, *g0, *h0;       /* values at the accepted iterate */
-    double *factors, *factors0;             /* the implicit part's matrix, factored, at trial and accepted iterate */
+    double *factors, *factors0;             /* factors of the implicit part's matrix at the trial and the accepted iterate */
     double *relaxation, *shift, *multiplier, *penalty;
 } Block;
 
 struct Phase;
 
-/* One mode: sizes, and functions compiled with these sizes as constants. */
+/* One mode: its sizes, and functions that are compiled with these sizes as constants. */
 typedef struct {
     int nx, ndx, nu, nz, nf, np, nr, ng, nh, mr, mg, mh;
     int num_parts;                          /* parts of the state: */
@@ -55,7 +55,7 @@ typedef struct Phase {
     double *xt, *ut;                        /* trial */
     double *x_outside, *u_outside;          /* the last trial whose merit was not finite */
     double *x_next;                          /* dynamics of the stages at trial and accepted: (N, nx) */
-    double *start;                          /* what the initial state or the reset makes of node 0: (nx) */
+    double *start;                          /* the initial state or the result of the reset, to compare with node 0: (nx) */
     double *d, *dt_trial;                   /* defects, accepted and trial: (N+1, ndx) */
     double *D, *grad, *H;                   /* (N, ndx, nw), (N, nw), (N, nw, nw) upper */
     double *end_grad, *end_H;               /* (ndx), (ndx, ndx) upper */
@@ -98,16 +98,16 @@ typedef struct Problem {
     const double *initial;
     Options options;
     Record *history;                        /* (max_iterations) */
-    volatile int num_records;               /* written last: a reader sees whole records */
-    volatile int cancel;                    /* set by another thread to stop */
-    int cleared;                            /* whether D, H, end_H and P hold the zeros that no iterate changes; 0 at first */
-    double *slope, *curvature;              /* scratch in lane layout: rows of the largest mode times W */
+    volatile int num_records;               /* written after the record, so that a reader sees complete records */
+    volatile int cancel;                    /* another thread sets it to stop the solve */
+    int cleared;                            /* whether the constant zeros of D, H, end_H and P are set; initially 0 */
+    double *slope, *curvature;              /* work arrays like those of a block: rows of the largest mode times W */
     /* state of a solve */
     double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_step;
-    /* of a warm start: the merit that its search state belongs to; the cost to compare with if it is another problem's */
+    /* of a warm start: the merit at its state of the search; its cost, used if that state is of another problem */
     double resume_merit, resume_cost;
     int resume_converged;
-    int inner, unmoved, has_last_cost, has_inequalities, num_gains, blocked; /* whether a trial on the way to or from the iterate was outside */
+    int inner, unmoved, has_last_cost, has_inequalities, num_gains, blocked; /* blocked: whether a trial since the previous iterate was not finite */
     double gains[PATIENCE];                 /* what the last steps of the sub-problem gained, in turn */
 } Problem;
 

@@ -1,6 +1,6 @@
-/* Multi-phase multiple-shooting iLQR: the algorithm of solvers/run.py and solvers/outer.py, without Python and without allocation.
- * This file is the loop. The files that it includes are compiled with it, as one unit: the compiler can inline all of it.
- * Names in capitals are of solvers/constants.py, by way of constants.h. */
+/* Multi-phase multiple-shooting iLQR: the algorithm of solvers/ilqr/run.py and outer.py, without Python and without allocation.
+ * This file is the loop. The files that it includes are compiled with it as one unit, so that the compiler can inline them.
+ * constants.h, which is generated from solvers/constants.py, defines the names in capitals. */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <string.h>
@@ -24,7 +24,7 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Why there is no step: something is not finite, or nothing decreases the merit. */
+/* The status of a solve without a further step: a number is not finite, or the line search failed. */
 static int failure(const Problem *pr) { return pr->blocked || !model_is_finite(pr) ? NOT_FINITE : LINE_SEARCH_FAILED; }
 
 static int gained_nothing(const Problem *pr, double tolerance)
@@ -35,7 +35,7 @@ static int gained_nothing(const Problem *pr, double tolerance)
     return 1;
 }
 
-/* Whether an iterate looks stationary only because regularisation keeps steps where the merit is finite. Overwrites the step. */
+/* Whether the iterate is stationary only because of the regularisation that keeps the merit finite. Overwrites the step. */
 static int is_blocked(Problem *pr, double tolerance)
 {
     double dV[2];
@@ -59,14 +59,14 @@ static void begin_search(Problem *pr)
     pr->last_equality = pr->last_violation = INFINITY;
 }
 
-/* Whether the accepted iterate has the merit that the state of an earlier search belongs to. */
+/* Whether the merit of the accepted iterate is that of the earlier search. */
 static int is_same(const Problem *pr, const Sums *at)
 {
     return fabs(at->cost + at->penalty + pr->rho * at->gap - pr->resume_merit) <= SAME_MERIT * (1 + fabs(pr->resume_merit));
 }
 
 /* `resumed`: 0 for a cold start; 1 if barrier and multipliers are those of an earlier solve; 2 if the state of the search is,
- * too, which holds only if the merit is still resume_merit. */
+ * too. That state is used only if the merit is still resume_merit. */
 int piaffe_solve(Problem *pr, int resumed)
 {
     const Options *o = &pr->options;
@@ -75,7 +75,7 @@ int piaffe_solve(Problem *pr, int resumed)
     if (resumed < 2) begin_search(pr);
     pr->num_records = pr->blocked = 0;
     pr->has_inequalities = has_inequalities(pr);
-    evaluate(pr); /* the binding leaves the start in the trial arrays */
+    evaluate(pr); /* the caller writes the start into the trial arrays */
     Sums at = sums_of_trial(pr);
     accept(pr);
     note(pr, &at);
@@ -136,6 +136,6 @@ int piaffe_policy(Problem *pr)
         found = backward(pr, r);
         r = fmax(POLICY_REGULARIZATION_FACTOR * r, pr->options.regularization);
     }
-    for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 0; /* sweeps of a solve need not write all that */
+    for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 0; /* the sweeps of a solve do not need all expansions */
     return found;
 }

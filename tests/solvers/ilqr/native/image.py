@@ -15,7 +15,7 @@ from piaffe.solvers.ilqr.native.memory import SolverMemory
 UNTOUCHED = np.uint64(0x7FF8_DEAD_BEEF_0001)  # a NaN that no computation makes
 
 
-class ImageMachine(SolverMemory):
+class ImageMemory(SolverMemory):
     """A memory that knows which of its arrays have been given content."""
 
     def __init__(self, problem: CompiledProblem, library: Library, options: Options) -> None:
@@ -51,10 +51,9 @@ class ImageMachine(SolverMemory):
         (phases,) = (i for i, thing in enumerate(structures) if thing is self.phases)
         start, step = ct.addressof(self.phases), ct.sizeof(self.phases) // len(self.phases)
         inside = {start + k * step: (first + phases, k * step) for k in range(len(self.phases))}  # Phase.next
-        tables = {
-            ct.addressof(ct.c_char.in_dll(self.library, name)): k for k, name in enumerate(table_names(self.origin))
-        }
-        links, symbols = [], []
+        names = table_names(self.compiled_library)
+        tables = {ct.addressof(ct.c_char.in_dll(self.library, name)): k for k, name in enumerate(names)}
+        pointers, symbols = [], []
         for i in range(first, len(blocks)):
             content = blocks[i][1]
             if not blocks[i][2]:
@@ -62,21 +61,21 @@ class ImageMachine(SolverMemory):
             for at in range(0, len(content) - 7, 8):
                 (word,) = struct.unpack_from("<Q", content, at)
                 if word in inside:
-                    links.append((i, at, *inside[word]))
+                    pointers.append((i, at, *inside[word]))
                 elif word in begins:
-                    links.append((i, at, begins[word], 0))
+                    pointers.append((i, at, begins[word], 0))
                 elif word in tables:
                     symbols.append((i, at, tables[word]))
         with path.open("wb") as file:
             file.write(struct.pack("<q", len(blocks)))
             for _, content, given in blocks:
                 file.write(struct.pack("<qq", len(content), given) + (content if given else b""))
-            for rows in (links, symbols):
+            for rows in (pointers, symbols):
                 file.write(struct.pack("<q", len(rows)) + b"".join(struct.pack(f"<{len(r)}q", *r) for r in rows))
             file.write(struct.pack("<qq", first, resumed))
 
 
 def table_names(library: Library) -> list[str]:
     """Return the symbols of a library's modes and transitions, in the order of ``tables``."""
-    modes, links = range(len(library.modes)), range(len(library.links))
-    return [f"mode{k}_table" for k in modes] + [f"link{k}_table" for k in links]
+    modes, transitions = range(len(library.modes)), range(len(library.transitions))
+    return [f"mode{k}_table" for k in modes] + [f"link{k}_table" for k in transitions]

@@ -34,7 +34,7 @@ from piaffe.solvers.ilqr.native.program import program
 from piaffe.solvers.ilqr.outer import Outer
 from piaffe.solvers.ilqr.warm_start import WarmStart, first_iterate
 
-from .image import ImageMachine, table_names
+from .image import ImageMemory, table_names
 from .test_solver import ALL
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -69,7 +69,7 @@ class Tool:
 
 
 def _without_avx512() -> str:
-    return "-march=x86-64-v3" if platform.memory() == "x86_64" else this_cpu().native
+    return "-march=x86-64-v3" if platform.machine() == "x86_64" else this_cpu().native
 
 
 TOOLS = {
@@ -102,7 +102,7 @@ def check(
     tool: Tool,
     width: int,
     options: Options | None = None,
-    spoil: Callable[[ImageMachine], None] = lambda memory: None,
+    spoil: Callable[[ImageMemory], None] = lambda memory: None,
 ) -> list[Solution]:
     """Solve under a tool, cold and warm, and compare with NumPy.
 
@@ -126,7 +126,7 @@ def check(
         images = []
         library, _ = library_for(problem, width=width)
         for k, warm in enumerate((None, WarmStart.of(half))):
-            memory, outer = ImageMachine(problem, library, options), Outer(problem, options)
+            memory, outer = ImageMemory(problem, library, options), Outer(problem, options)
             if warm is not None:
                 outer.resume(warm)
             resumed = write(memory, first_iterate(problem, warm), outer, warm)
@@ -152,7 +152,7 @@ def check(
 def _program(problem: CompiledProblem, tool: Tool, width: int) -> Path:
     """Return a program of a problem's modes and ``replay.c``."""
     library, _ = library_for(problem, width=width)
-    sources = program(library.modes, library.links)
+    sources = program(library.modes, library.transitions)
     names = table_names(library)
     extern = "".join(f"extern const char {name}[];\n" for name in names)
     units = {

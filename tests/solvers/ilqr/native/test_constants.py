@@ -121,7 +121,7 @@ def test_policy_is_regularised_in_steps_of_its_factor(
 
 
 @pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
-def test_gains_from_a_time_of_more_patience_are_taken_up_as_far_as_they_count() -> None:
+def test_only_the_last_gains_of_a_stored_search_are_used() -> None:
     half = MSiLQR(compiled("swing up"), Options(max_iterations=20), backend="numpy").solve()
     assert half.search is not None
     gains = tuple(1.0 + k for k in range(constants.PATIENCE + 3))

@@ -9,7 +9,7 @@ from piaffe.codegen.compilers import NoCompilerError
 from piaffe.codegen.cpu import this_cpu
 from piaffe.ocp import compile_problem
 
-from .image import UNTOUCHED, ImageMachine
+from .image import UNTOUCHED, ImageMemory
 from .memory import SMALL, TOOLS, check, missing
 from .test_solver import ALL, GCC
 
@@ -37,12 +37,12 @@ def test_nothing_is_found(tool: str, name: str, width: int) -> None:
     assert warm.iterations < cold.iterations
 
 
-def short(memory: ImageMachine) -> None:
+def short(memory: ImageMemory) -> None:
     memory.shorten(memory.arrays[0]["D"])
 
 
-def forgotten(memory: ImageMachine) -> None:
-    memory.lanes[0].blocks[0]["weight"].view(np.uint64)[:] = UNTOUCHED
+def forgotten(memory: ImageMemory) -> None:
+    memory.blocks[0].blocks[0]["weight"].view(np.uint64)[:] = UNTOUCHED
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from pathlib import Path
 from piaffe.solvers.ilqr.native import program
 
 
-def test_modules_that_make_the_sources_are_in_their_origin() -> None:
+def test_modules_that_make_the_sources_are_part_of_the_key() -> None:
     package = Path(program.__file__).parent
     for module in program.MAKERS:
         found = re.findall(r"^from \.(\w+) import", (package / module).read_text(), re.MULTILINE)

@@ -23,7 +23,7 @@ from piaffe.models import base, feet, joints, stance
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
 from piaffe.solvers.ilqr.iterate import Iterate
-from piaffe.solvers.ilqr.native.backend import Backend, drive
+from piaffe.solvers.ilqr.native.backend import Backend, run_native
 from piaffe.solvers.ilqr.native.library import library_for
 from piaffe.solvers.ilqr.native.memory import SolverMemory
 from piaffe.solvers.ilqr.native.program import program
@@ -77,7 +77,7 @@ def by_numpy(name: str) -> Solution:
 @cache
 def watched(name: str) -> Watched:
     numpy = MSiLQR(compiled(name), backend="numpy")
-    run = Watched(numpy.evaluator, numpy.options, numpy.start(None), numpy.flags(True), None)
+    run = Watched(numpy.functions, numpy.options, numpy.start(None), numpy.flags(True), None)
     assert run.loop() is Status.CONVERGED
     return run
 
@@ -155,7 +155,7 @@ def assert_equal_bits(got: Solution, expected: Solution) -> None:
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_whole_history_is_that_of_numpy_but_for_decisions_on_a_knifes_edge(name: str) -> None:
+def test_history_is_that_of_numpy_except_for_decisions_within_rounding(name: str) -> None:
     run = watched(name)
     common = same_decisions(in_c(name).history, tuple(run.history))
     if common < max(len(run.history), in_c(name).iterations):
@@ -198,8 +198,8 @@ def test_solution_and_duals_are_those_of_numpy(name: str) -> None:
 def test_policy_and_expansions_are_those_of_numpy_at_the_same_iterate(name: str, limit: int) -> None:
     by_c = MSiLQR(compiled(name), Options(max_iterations=limit))
     assert by_c.memory is not None
-    run = Run(by_c.evaluator, by_c.options, by_c.start(None), by_c.flags(True), None)
-    status = drive(by_c.memory, run, None, None)
+    run = Run(by_c.functions, by_c.options, by_c.start(None), by_c.flags(True), None)
+    status = run_native(by_c.memory, run, None, None)
     assert run.policy is not None
     got = assemble(run, status, 0.0)
     run.policy = None
@@ -267,7 +267,7 @@ def test_search_of_another_problem_is_forgotten(backend: Backend) -> None:
 
 @pytest.mark.parametrize("width", [1, 4, 8])
 @pytest.mark.parametrize("name", ["flying body", "rope"])
-def test_lanes_change_nothing(name: str, width: int) -> None:
+def test_vector_width_changes_nothing(name: str, width: int) -> None:
     solution = of_width(compiled(name), width).solve()
     assert_same_history(solution, by_numpy(name))
     assert_same_result(solution, by_numpy(name))
@@ -324,7 +324,7 @@ def test_second_solve_of_one_object_in_another_thread_is_refused() -> None:
     with ThreadPoolExecutor(1) as pool:
         first = pool.submit(solver.solve, progress=wait)
         assert inside.wait(30)
-        with pytest.raises(SolverError, match="already solving - got a second call"):
+        with pytest.raises(SolverError, match="a solve is running - got a second call"):
             solver.solve()
         leave.set()
         assert_equal_bits(first.result(), in_c("hopper"))
@@ -349,7 +349,7 @@ def test_compiled_solver_cannot_allocate() -> None:
 # ---- stopping
 
 
-def test_progress_is_told_every_record_in_order() -> None:
+def test_progress_gets_every_record_in_order() -> None:
     told: list[Record] = []
     solution = native("swing up").solve(progress=told.append)
     assert tuple(told) == solution.history
@@ -440,7 +440,7 @@ def test_solve_can_be_cancelled_from_elsewhere(endless: MSiLQR) -> None:
 )
 def test_templates_compile_without_a_warning(name: str, width: int, tmp_path: Path) -> None:
     library, _ = library_for(compiled(name))
-    sources = program(library.modes, library.links)
+    sources = program(library.modes, library.transitions)
     for file, text in sources.headers.items():
         (tmp_path / file).write_text(text)
     files = []
