@@ -117,7 +117,7 @@ def test_what_was_built_is_found_without_a_compilation(wrapper: Callable[..., Pa
     assert leftovers(tmp_path) == []
 
 
-def test_progress_tells_each_step_in_the_callers_thread() -> None:
+def test_progress_reports_each_step_in_the_callers_thread() -> None:
     told: list[tuple[int, int, str]] = []
     threads = set()
 
@@ -182,7 +182,7 @@ def _lazy(sources: Sources) -> LazySources:
     return LazySources(sources.parts, lambda: sources)
 
 
-def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
+def test_lazy_sources_are_made_only_if_no_library_is_cached() -> None:
     made: list[int] = []
 
     def texts() -> Sources:
@@ -208,7 +208,7 @@ def test_texts_are_made_only_if_no_library_of_their_origin_is_kept() -> None:
         ({"units": [("a", "")], "width": 3}, "width is not supported - got 3, expected 1, 2, 4 or 8"),
     ],
 )
-def test_arguments_at_odds_are_refused(arguments: dict[str, object], told: str) -> None:
+def test_contradictory_arguments_are_refused(arguments: dict[str, object], told: str) -> None:
     with pytest.raises(SolverError) as error:
         build(**arguments)  # type: ignore[arg-type]
     assert told in str(error.value)

@@ -117,7 +117,7 @@ def test_feet_are_examined(feet, severity, message, tmp_path):
         ('<robot name="a"><link name="b"/></robot>', r"robot: has no joints - got none that moves"),
     ],
 )
-def test_files_that_are_no_robots_are_told_apart(text, message, tmp_path):
+def test_files_without_a_robot_are_distinguished(text, message, tmp_path):
     urdf = tmp_path / "odd.urdf"
     urdf.write_text(text)
     (finding,) = of(models.diagnose(urdf), "error")

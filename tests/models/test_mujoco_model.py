@@ -114,7 +114,7 @@ def test_ground_normal_of_a_base_that_leans_with_the_slope_is_its_own_axis():
     assert rolled == pytest.approx([0.0, np.sin(0.2), np.cos(0.2)], abs=1e-12)
 
 
-def test_reach_of_feet_is_told_in_the_heading():
+def test_reach_of_feet_is_in_heading_axes():
     rng = np.random.default_rng(6)
     for _ in range(5):
         x = random_state(rng)
@@ -437,6 +437,6 @@ def test_compiled_is_made_once():
         (lambda: models.payload(1, (0, 1)), "payload: offset is not a position - got"),
     ],
 )
-def test_models_that_make_no_sense(make, message):
+def test_arguments_out_of_range_are_refused(make, message):
     with pytest.raises(ModelError, match="^" + message.replace("(", r"\(")):
         make()

@@ -65,7 +65,7 @@ def test_slope_is_that_of_the_plane_that_fits_best(ground):
     assert ground.slope(list(xs), list(ys)) == pytest.approx(fitted[:2], abs=1e-4)
 
 
-def test_places_in_a_line_tell_no_slope_across_it():
+def test_places_on_a_line_give_no_slope_across_it():
     ground = terrain.incline(0.3, start=-inf)
     along, across = ground.slope([0.0, 0.0], [-0.2, 0.2])
     assert abs(along) < 1e-9
@@ -107,6 +107,6 @@ def test_terrains_are_values():
         (lambda: terrain.heightfield(np.zeros((21, 20)), (1, 1)), "terrain heightfield: shape is out of range"),
     ],
 )
-def test_ground_that_makes_no_sense(make, message):
+def test_arguments_out_of_range_are_refused(make, message):
     with pytest.raises(ModelError, match="^" + message.replace("(", r"\(")):
         make()

@@ -33,11 +33,11 @@ def keyframe(name, mode, duration, **values):
     return ocp.Phase(name, mode, duration, ocp.Keyframe(**values))
 
 
-def test_a_pose_on_the_ground_is_no_matter():
+def test_a_pose_on_the_ground_gives_no_warning():
     assert warned(keyframe("stand", ALL, 0.1, position=(0, 0, STANDING), joints="stand")) == []
 
 
-def test_a_keyframe_that_says_nothing_of_the_posture_is_no_matter():
+def test_a_keyframe_without_a_posture_gives_no_warning():
     assert warned(keyframe("stand", ALL, 0.1, linear_velocity=(0, 0, 9))) == []
 
 
@@ -54,7 +54,7 @@ def test_a_stance_foot_off_the_ground():
     )
 
 
-def test_only_feet_that_stand_are_looked_at():
+def test_only_standing_feet_are_checked():
     rolled = keyframe("lean", stance("FR HR"), 0.1, position=(0, 0, STANDING), rpy=(0.3, 0, 0))
     ((_, text),) = warned(rolled)
     assert "FL" not in text
@@ -190,7 +190,7 @@ def test_gaits_have_no_keyframes():
     assert BODY.warnings(endless.bind((BODY,), BODY.state.unpack(BODY.state()))) == []
 
 
-def test_keyframes_after_a_gait_are_looked_at():
+def test_keyframes_after_a_gait_are_checked():
     rest = ocp.Motion(keyframe("rest", ALL, 0.1, position=(0, 0, 0.1), joints="stand"))
     (first, *_) = warned(motion=models.gaits.trot(speed=0.2).cycles(1) + rest)
     assert first[0].startswith("phase 'rest'")
@@ -207,7 +207,7 @@ def test_two_models_of_one_robot_warn_once():
     ]
 
 
-def test_a_rigid_body_alone_knows_flights():
+def test_flights_of_a_rigid_body_are_checked():
     rigid = models.SingleRigidBody(ROBOT)
     motion = ocp.Motion(keyframe("fall", NONE, 0.2, position=(0, 0, 1.0)))
     objective = ocp.Objective(ocp.regularize(models.feet.force), ocp.track(base.position))
@@ -216,7 +216,7 @@ def test_a_rigid_body_alone_knows_flights():
     assert "no ballistic flight" in warning.text
 
 
-def test_an_endless_motion_is_looked_at_once():
+def test_one_cycle_of_a_cyclic_motion_is_checked():
     hop = ocp.Motion(
         keyframe("stand", ALL, 0.1, position=(0, 0, 0.4)), keyframe("hop", NONE, 0.1, position=(0, 0, 0.3)), cyclic=True
     )

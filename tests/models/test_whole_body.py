@@ -266,7 +266,7 @@ def test_force_is_masked_by_contact_and_switching_by_landing() -> None:
 # ---- modes and keyframes
 
 
-def test_node_parameters_say_who_stands_and_who_lands() -> None:
+def test_node_parameters_contain_standing_and_landing_feet() -> None:
     body = WholeBody(load("mini_cheetah"))
     node = Node(0.0, stance("FL HR"), stance("FL FR"), {})
     np.testing.assert_array_equal(body.node_parameters(node)["contact"], [1, 0, 0, 1])
@@ -291,7 +291,7 @@ def test_contact_sets_are_values_in_any_spelling() -> None:
     assert body.mode_key("LF") == body.mode_key("") == "contact"
 
 
-def test_keyframes_speak_the_robots_words() -> None:
+def test_keyframes_use_the_robots_names() -> None:
     body = WholeBody(load("mini_cheetah"))
     words = {"position": (1, 2, 3), "rpy": (7.0, 0, 0), "joints": "crouch", "feet.force": np.arange(12)}
     targets = body.keyframe(words)
