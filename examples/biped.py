@@ -1,4 +1,4 @@
-"""A biped hops onto the spot ahead of it: two point feet; four corners a sole are refused by name."""
+"""A biped with two point feet hops forward; with four contact points per foot, the error names the redundant ones."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ problem = ocp.Problem(hop, body.until_end(dt=0.01), objective, limits, initial=b
 
 
 def soles() -> str:
-    """Return what is said of a robot that stands on the corners of its soles, whose contacts cannot be independent."""
+    """Return the error for a robot with contact points at the corners of its soles, which are redundant."""
     corners = [f"{side}_{end}_{edge}" for side in "LR" for end in ("TOE", "HEEL") for edge in ("IN", "OUT")]
     try:
         models.WholeBody(models.load(URDF, feet=corners))
@@ -47,7 +47,7 @@ def soles() -> str:
 
 
 def main() -> float:
-    """Solve the hop and return how far the feet came [m]."""
+    """Solve the hop and return the distance that the feet moved [m]."""
     print(soles())
     solution = solvers.MSiLQR(problem).solve().raise_if_failed()
     print(solution)

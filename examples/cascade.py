@@ -1,4 +1,4 @@
-"""Mini Cheetah bounds on a cascade: 0.25 s of whole body at 10 ms, then 0.5 s of single rigid body at 50 ms, one solve."""
+"""Mini Cheetah bounds with two models in one solve: whole body (0.25 s at 10 ms), then rigid body (0.5 s at 50 ms)."""
 
 from piaffe import models, ocp, solvers
 from piaffe.models import base, feet, joints
@@ -9,7 +9,7 @@ srb = models.SingleRigidBody(robot)
 
 
 def swing(s):
-    """1 for feet in the air."""
+    """Return 1 for feet in the air, 0 for feet on the ground."""
     return 1 - s.feet.contact
 
 
@@ -30,13 +30,13 @@ limits = ocp.Constraints(
     models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits(), models.joint_speed_limits(),
     models.base_height(minimum=0.13), models.foot_clearance(minimum=0.0),
 )  # fmt: skip
-effort = ocp.track(feet.force, weight=0.01)  # the small model's control needs a cost of its own
+effort = ocp.track(feet.force, weight=0.01)  # the control of the single rigid body needs a cost
 cascade = body.over(0.25, dt=0.01).without(effort) + srb.over(0.50, dt=0.05).without(limits)
 problem = ocp.Problem(bound, cascade, walking + effort, limits, initial=body.state(joints="stand"))
 
 
 def main() -> float:
-    """Solve and return the base height at the horizon's end [m]."""
+    """Solve the problem and return the base height at the end of the horizon [m]."""
     solution = solvers.MSiLQR(problem).solve().raise_if_failed()
     print(problem)
     print(solution)

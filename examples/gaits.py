@@ -12,7 +12,7 @@ body = models.WholeBody(robot)
 
 
 def swing(s):
-    """1 for feet in the air."""
+    """Return 1 for feet in the air, 0 for feet on the ground."""
     return 1 - s.feet.contact
 
 
@@ -36,7 +36,7 @@ limits = ocp.Constraints(
 
 
 def problem_of(gait: ocp.Motion) -> ocp.Problem:
-    """Return three cycles of a gait."""
+    """Return the problem of three cycles of a gait."""
     return ocp.Problem(gait.cycles(3), body.until_end(dt=0.01), walking, limits, initial=body.state(joints="stand"))
 
 
@@ -48,7 +48,7 @@ problem = bound
 
 
 def main(name: str = "bound") -> float:
-    """Solve one gait and return the speed reached over the last cycle [m/s]."""
+    """Solve one gait and return the mean speed of the last cycle [m/s]."""
     solution = solvers.MSiLQR(globals()[name]).solve().raise_if_failed()
     print(solution)
     last = solution.trajectory.phases[-4:]

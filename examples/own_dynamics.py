@@ -1,4 +1,4 @@
-"""No robot: a ball with a thruster bounces; a rocket burns its fuel, drops its tank and coasts on without control."""
+"""Two problems without a robot: a ball with a thruster bounces; a rocket burns fuel, drops its tank and coasts."""
 
 import argparse
 
@@ -6,15 +6,15 @@ from piaffe import ocp, solvers
 
 G = 9.81  # [m/s^2]
 
-# A ball falls, must be on the ground after 0.45 s, and rises with a share of its speed.
+# A ball falls, must be on the ground after 0.45 s, and rises with a fraction of its speed.
 
 
 def fall(s):
-    """Return the derivatives of height and speed; thrust per mass [m/s^2]."""
+    """Return the derivatives of height and speed; the thrust is per mass [m/s^2]."""
     return {"z": s.vz, "vz": s.thrust - G}
 
 
-restitution = ocp.parameter("restitution", 0.8)  # may change without anything being built again
+restitution = ocp.parameter("restitution", 0.8)  # a change does not compile anything
 ball = ocp.Model("ball", state={"z": 1, "vz": 1}, control={"thrust": 1}, modes={"fall": fall})
 bounce = ocp.Motion(
     ocp.Phase(
@@ -31,16 +31,16 @@ problem = ocp.Problem(
     initial=[1.0, 0.0],  # [m], [m/s]
 )
 
-# A rocket with a tank has a state more than the capsule that is left, and the capsule has no control.
+# A rocket with a tank drops it and becomes a capsule, which has one state less and no control.
 
 
 def burn(s):
-    """Return the derivatives of height, speed and fuel; thrust in N, 1 kg without fuel, 1000 m/s of exhaust."""
+    """Return the derivatives of height, speed and fuel; thrust in N, 1 kg without fuel, exhaust speed 1000 m/s."""
     return {"z": s.vz, "vz": s.thrust / (1.0 + s.fuel) - G, "fuel": -s.thrust / 1000.0}
 
 
 def coast(s):
-    """Return the derivatives of height and speed, nothing but gravity acting."""
+    """Return the derivatives of height and speed under gravity alone."""
     return {"z": s.vz, "vz": -G}
 
 
@@ -53,7 +53,7 @@ limits = ocp.Constraints(
     ocp.inequality(lambda s: s.fuel, unit="kg", name="fuel left"),
 )
 launch = ocp.Problem(
-    # the reset says what is left; height and speed are the capsule's too, so it has nothing to say
+    # no reset is needed: the states of the capsule, height and speed, are states of the rocket, too
     ocp.Motion(ocp.Phase("burn", "burn", 1.0, target={"z": 5.0}), ocp.Phase("coast", "coast", 1.0, target={"z": 10.0})),
     rocket.over(1.0, dt=0.05) + capsule.over(1.0, dt=0.05),
     ocp.Objective(

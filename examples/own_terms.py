@@ -1,4 +1,4 @@
-"""Mini Cheetah squats under a bar, with terms of one's own: a residual, an inequality, an equality, a parameter."""
+"""Mini Cheetah squats under a bar, with user-defined terms: a residual, an inequality, an equality, a parameter."""
 
 import argparse
 
@@ -7,30 +7,30 @@ from piaffe.models import base, joints, stance
 
 robot = models.load("mini_cheetah")
 body = models.WholeBody(robot)
-ceiling = ocp.parameter("ceiling", 0.16)  # [m], what the base must pass under; free to change
+ceiling = ocp.parameter("ceiling", 0.16)  # [m], height of the bar; a change does not compile anything
 
 
 @ocp.residual(unit="rad")
 def hip_symmetry(s):
-    """Both front hips open alike; s has the quantities of one node."""
+    """Return the asymmetry of the front hips; s has the quantities of one node."""
     return s.joints.position["FL_HAA"] + s.joints.position["FR_HAA"]
 
 
 @ocp.inequality(lower=0.10, unit="m")
 def knee_clearance(s):
-    """The knees stay off the ground."""
+    """Return the heights of the knees, which stay above 0.10 m."""
     return [s.frames[f"{leg}_KFE"].position[2] for leg in ("FL", "FR", "HL", "HR")]
 
 
 @ocp.inequality(unit="m", at="phase_end", when="squat")
 def under_the_bar(s):
-    """The base is below the bar when it is down."""
+    """Return the distance of the base below the bar at the end of the squat."""
     return ceiling - s.base.position[2]
 
 
 @ocp.equality(unit="m/s", at="end")
 def at_rest(s):
-    """The robot stands still in the end."""
+    """Return the velocities of the base, which are zero at the end."""
     return [s.base.linear_velocity, s.base.angular_velocity]
 
 
@@ -53,7 +53,7 @@ problem = ocp.Problem(squat, body.until_end(dt=0.01), objective, limits, initial
 
 
 def main(bar: float = 0.16) -> float:
-    """Squat under a bar at a height [m] and return how high the base is there [m]."""
+    """Solve the squat under a bar at a height [m] and return the height of the base below the bar [m]."""
     solution = solvers.MSiLQR(problem.with_parameters(ceiling=bar)).solve().raise_if_failed()
     print(solution)
     return float(solution.trajectory.phases[0].states[-1, 2])

@@ -1,4 +1,4 @@
-"""Mini Cheetah trots under a hundred random payloads, frictions and starts, solved as one batch."""
+"""Mini Cheetah trots with a hundred random payloads, friction coefficients and initial states, solved as one batch."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ body = models.WholeBody(robot)
 
 
 def swing(s):
-    """1 for feet in the air."""
+    """Return 1 for feet in the air, 0 for feet on the ground."""
     return 1 - s.feet.contact
 
 
@@ -31,7 +31,7 @@ problem = ocp.Problem(
 
 
 def main(count: int = 100, seed: int = 0) -> float:
-    """Solve every instance and return the largest torque of the heaviest over that of the nominal robot."""
+    """Solve every instance; return the largest torque with the heaviest payload, divided by the nominal one."""
     compiled = ocp.compile_problem(problem)
     nominal = solvers.MSiLQR(compiled).solve().raise_if_failed()
 
@@ -39,8 +39,8 @@ def main(count: int = 100, seed: int = 0) -> float:
     masses = np.tile(compiled.numbers["mini_cheetah.link_mass"], (count, 1))
     masses[:, 0] += random.uniform(0.0, 3.0, count)  # a payload on the trunk [kg]
     starts = np.tile(problem.initial, (count, 1))
-    starts[:, 2] += random.uniform(-0.005, 0.02, count)  # dropped, or sunk a little [m]
-    starts[:, 19:22] += random.normal(0.0, 0.05, (count, 3))  # pushed [m/s]
+    starts[:, 2] += random.uniform(-0.005, 0.02, count)  # base above or below its nominal height [m]
+    starts[:, 19:22] += random.normal(0.0, 0.05, (count, 3))  # disturbed velocity [m/s]
     batch = solvers.solve_batch(
         compiled,
         starts,
@@ -51,7 +51,8 @@ def main(count: int = 100, seed: int = 0) -> float:
     torque = np.abs(batch.controls).max(axis=(1, 2))
     payload = masses[:, 0] - masses[:, 0].min()
     print(
-        f"torque grows by {np.polyfit(payload, torque, 1)[0]:.2f} Nm a kilogram; iterations {batch.iterations.mean():.0f}"
+        f"torque per payload {np.polyfit(payload, torque, 1)[0]:.2f} Nm/kg; "
+        f"mean iterations {batch.iterations.mean():.0f}"
     )
     return float(torque[np.argmax(payload)] / np.abs(nominal.controls).max())
 

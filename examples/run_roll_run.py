@@ -1,4 +1,4 @@
-"""Mini Cheetah paces, rolls over sideways and paces on: three saved solutions composed by ``+`` and refined in one solve."""
+"""Mini Cheetah paces, rolls over sideways and paces again: ``+`` joins saved solutions, one solve refines them."""
 
 from math import pi
 from pathlib import Path
@@ -41,7 +41,7 @@ pace = models.gaits.pace(speed=SPEED).cycles(1)
 
 
 def saved(motion: ocp.Motion, path: Path) -> ocp.Motion:
-    """Solve a motion from standing unless its file is there, and return what was saved as a motion."""
+    """Return the saved solution of a motion as a motion; if there is no file, solve the motion from standing first."""
     if not path.exists():
         problem = ocp.Problem(motion, body.until_end(dt=0.01), objective, limits, initial=body.state(joints="stand"))
         solvers.MSiLQR(problem).solve().raise_if_failed().save(path)
@@ -49,7 +49,7 @@ def saved(motion: ocp.Motion, path: Path) -> ocp.Motion:
 
 
 def problem(folder: Path | None = None) -> ocp.Problem:
-    """Return the composition: each piece begins where the one before ended, its frame and full turns shifted."""
+    """Return the problem of the joined motion: each piece begins at the position, yaw and turns of the piece before."""
     folder = folder or Path(mkdtemp())
     paced, rolled = saved(pace, folder / "pace.npz"), saved(roll, folder / "roll.npz")
     whole = paced + rolled + paced
@@ -57,7 +57,7 @@ def problem(folder: Path | None = None) -> ocp.Problem:
 
 
 def main(folder: Path | None = None) -> float:
-    """Solve the composition and return how far the robot came forward [m]."""
+    """Solve the joined motion and return the forward distance [m]."""
     solution = solvers.MSiLQR(problem(folder)).solve().raise_if_failed()
     print(solution)
     return float(solution.trajectory.phases[-1].states[-1, 0])

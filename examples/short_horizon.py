@@ -1,4 +1,4 @@
-"""A trot that DIAL-MPC falls in at short horizons, that TD-CD-MPPI walks with a value, and how that value is learnt."""
+"""A trot at short horizons, at which DIAL-MPC falls and TD-CD-MPPI with a value does not; the file learns the value."""
 
 import argparse
 import os
@@ -9,12 +9,12 @@ import trot_mppi
 from piaffe import models, ocp
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
 
-# As published, no term tells where feet belong: that they stay behind shows when the robot trips, which is later than
-# short horizons see.
+# As in the publication, no term has targets for the positions of the feet. If feet stay behind, the robot trips, but
+# only after the end of a short horizon.
 objective = ocp.Objective(*(term for term in trot_mppi.objective if term.name != "track feet.reach"))
 limits = ocp.Constraints(
     models.joint_range("HAA", 0.1, scale=0.1),
-    models.base_height(maximum=0.27, scale=0.27),  # lower it cannot step: knees bend to -1.6 rad
+    models.base_height(maximum=0.27, scale=0.27),  # steps are impossible with a lower one: knee targets end at -1.6 rad
 )
 centre = 2 * (0.0, 0.6, -1.1) + 2 * (0.0, -0.6, 1.1)
 targets = models.joint_targets(centre=centre, half_range={"HAA": 0.4, "HFE": 0.5, "KFE": 0.5})
@@ -27,10 +27,10 @@ collecting = CollectOptions(
     shards=16,
     episodes=40,
     episode_steps=25,
-    horizon=16,  # without a value a shorter one falls
+    horizon=16,  # without a value, the robot falls with a shorter one
     explore=replace(follow, sigma=1.0),
     follow=follow,
-    alone=replace(follow, p_max=0.025),  # with more it falls in the attempt to keep the limits
+    alone=replace(follow, p_max=0.025),  # with a larger one the robot falls, because it weights the limits too much
 )
 learning = LearnOptions(
     updates=9_000, target_rate=0.02, weight_decay=1.0, hidden=(64, 64), discount=options.discount
@@ -55,7 +55,7 @@ def main(
     updates: int = learning.updates,
     workers: int = 0,
 ) -> float:
-    """Learn, write the file and return the mean value of what was learnt from; ``workers`` processes collect."""
+    """Learn the value, write its file and return its mean over the data; ``workers`` processes collect the data."""
     learnt = train_value(
         sampled_problem, out, reward=reward, workers=workers,
         collecting=replace(collecting, shards=shards, episodes=episodes),

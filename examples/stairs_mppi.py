@@ -1,4 +1,4 @@
-"""Solo12 trots towards three steps of 4 cm, or up a slope, by TD-CD-MPPI with the value from flat ground."""
+"""Solo12 trots up three steps of 4 cm, or up a slope, by TD-CD-MPPI with the value learnt on flat ground."""
 
 import argparse
 from dataclasses import replace
@@ -10,20 +10,20 @@ from piaffe import sampling
 
 sampled_problem = trot_mppi.sampled_problem
 reward, value = trot_mppi.reward, trot_mppi.value
-# a riser is high: limits of the height must not keep the robot below it
+# a small p_max: with a larger one the height limit keeps the robot from climbing a step
 options = replace(trot_mppi.options, p_max=0.015, temperature=0.3, sigma=0.4)
 problem = sampled_problem("stairs", horizon=10)
 
 
 def main(terrain: str = "stairs", horizon: int = 10, steps: int = 400, file: str = "") -> float:
-    """Run one episode, with a value of one's own or the one beside this file; return the distance covered [m]."""
+    """Run one episode, with another value file or the one in this folder; return the distance covered [m]."""
     sampled = sampled_problem(terrain, horizon)
     learnt = file or Path(__file__).with_name(value)
     controller = sampling.TDCDMPPI(sampled, options, reward=reward, value=learnt, allow=("terrain", "p_max"))
     episode = sampling.run_episode(controller, steps=steps)
     print(f"{'stood' if not episode.fell else 'fell'} after {episode.times[-1]:.1f} s, {episode.distance:.2f} m")
     for name, missed in episode.missed.items():
-        print(f"{name}: {100 * missed:.2f} % beyond its limit in the mean")
+        print(f"{name}: mean violation {100 * missed:.2f} % of its limit")
     return episode.distance
 
 

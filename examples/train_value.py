@@ -1,4 +1,4 @@
-"""Learn the terminal value of the trot on flat ground: sampled states, closed loops from them, temporal differences."""
+"""Learn the terminal value of the trot on flat ground by temporal differences, from episodes that begin at random."""
 
 import argparse
 import os
@@ -13,18 +13,18 @@ problem = trot_mppi.sampled_problem
 follow = replace(trot_mppi.options, samples=192, first_stages=3, threads=1)
 collecting = CollectOptions(
     shards=16,
-    episodes=160,  # many and short: what counts is how perturbed states go on
+    episodes=160,  # many short ones: the value must predict what follows perturbed states
     episode_steps=25,
     horizon=16,
     explore=replace(follow, sigma=1.0),
     follow=follow,
-    alone=replace(follow, p_max=0.025),  # with more it falls in the attempt to keep the limits
+    alone=replace(follow, p_max=0.025),  # with a larger one the robot falls, because it weights the limits too much
 )
 learning = LearnOptions(
     updates=20_000,
     target_rate=0.02,
     weight_decay=1.0,
-    hidden=(128, 128),  # larger networks learn so few transitions by heart
+    hidden=(128, 128),  # larger networks overfit so few transitions
     discount=trot_mppi.options.discount,
 )
 
@@ -36,7 +36,7 @@ def main(
     updates: int = learning.updates,
     workers: int = 0,
 ) -> float:
-    """Learn, write the file and return the mean value of what was learned from; ``workers`` processes collect."""
+    """Learn the value, write its file and return its mean over the data; ``workers`` processes collect the data."""
     value = train_value(
         problem, out, reward=trot_mppi.reward, workers=workers,
         collecting=replace(collecting, shards=shards, episodes=episodes),

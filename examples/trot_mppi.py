@@ -12,14 +12,14 @@ HIP_LIMIT, HEIGHT_LIMIT = 0.08, 0.245  # [rad], [m]
 
 robot = models.load("solo12", rotors=True)
 body = models.WholeBody(robot)
-trot = models.gaits.trot(SPEED, stance_time=0.25, swing_height=0.06, height=0.27)  # above the limit, which has to work
+trot = models.gaits.trot(SPEED, stance_time=0.25, swing_height=0.06, height=0.27)  # the height limit is active
 objective = ocp.Objective(
     ocp.track(base.linear_velocity, weight=(2, 2, 0)),
     ocp.track(base.angular_velocity, weight=(0, 0, 0.2)),
     ocp.track(base.orientation, weight=(0, 0, 0.6)),
     ocp.track(base.ground_normal, weight=(1, 1, 0)),  # roll and pitch, against the slope of the ground
     ocp.track(feet.height, weight=80.0),
-    # without this feet that carry weight stay behind, until the robot trips over them
+    # without this term, feet on the ground stay behind until the robot trips
     ocp.track(feet.reach, weight=30.0),
     ocp.track(joints.velocity, weight=1e-4),
     ocp.regularize(joints.torque, weight=1e-3),
@@ -45,33 +45,33 @@ value = "solo12_trot.value"  # learnt by train_value.py, on flat ground
 
 @ocp.residual
 def wide(s):
-    """How far hips go beyond their limit, as a penalty [rad]."""
+    """Return the violation of the hip limit, for a penalty [rad]."""
     return cs.fmax(cs.fabs(s.joints.position["HAA"]) - HIP_LIMIT, 0)
 
 
 @ocp.residual
 def high(s):
-    """How far the base goes beyond its limit, as a penalty [m]."""
+    """Return the violation of the height limit, for a penalty [m]."""
     return cs.fmax(s.base.height - HEIGHT_LIMIT, 0)
 
 
 def sampled_problem(terrain: str = "flat", horizon: int = 8, penalties: float = 0.0) -> ocp.Problem:
-    """Return the same trot on a terrain, with a horizon in steps of 20 ms; with penalties of some strength if asked."""
+    """Return the same trot on a terrain; ``horizon`` is in steps of 20 ms, ``penalties`` the weight of soft limits."""
     targets = models.joint_targets(centre=tall, half_range={"HAA": 0.4, "HFE": 0.5, "KFE": 0.7})
     plant = models.Mujoco(robot, terrain=terrains[terrain], action=targets)
-    aims = objective
+    terms = objective
     if penalties:
-        aims = objective + wide.weighted(80.0 * penalties) + high.weighted(1500.0 * penalties)
-    return ocp.Problem(trot, plant.over(0.02 * horizon, dt=0.02), aims, limits, initial=start)
+        terms = objective + wide.weighted(80.0 * penalties) + high.weighted(1500.0 * penalties)
+    return ocp.Problem(trot, plant.over(0.02 * horizon, dt=0.02), terms, limits, initial=start)
 
 
 def main(steps: int = 400) -> float:
-    """Solve the trot, then run it on MuJoCo; return the speed that was reached there [m/s]."""
+    """Solve the trot, then run it on MuJoCo; return the mean speed on MuJoCo [m/s]."""
     print(solvers.MSiLQR(problem).solve().raise_if_failed())
     controller = sampling.TDCDMPPI(sampled_problem(), options, reward=reward, value=Path(__file__).with_name(value))
     episode = sampling.run_episode(controller, steps=steps)
     for name, missed in episode.missed.items():
-        print(f"{name}: {100 * missed:.2f} % beyond its limit in the mean")
+        print(f"{name}: mean violation {100 * missed:.2f} % of its limit")
     return episode.distance / float(episode.times[-1])
 
 
