@@ -54,13 +54,13 @@ def mujoco_spec(
 
     Args:
         robot: the robot.
-        contacts: what collides with the floor: nothing, the feet, or all visual shapes. Parts of the robot do not
+        contacts: what collides with the floor: nothing, the feet, or all drawn shapes. Parts of the robot do not
             collide with each other.
         friction: sliding friction coefficient between feet and floor.
         dt: the simulator's time step [s].
         joint_limits: stop joints at their limits.
         visuals: draw the robot, with lights and a camera that follows it.
-        meshes: draw the meshes of the URDF; False draws capsules between the joints.
+        meshes: draw the meshes of the URDF; False draws capsules between the joints in their place.
         terrain: the ground; level at z = 0 by default.
         action: the action that the actuators' controls are; torques by default.
         surface: contact options of the robot's geoms in place of ``friction``.

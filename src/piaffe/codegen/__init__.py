@@ -1,4 +1,4 @@
-"""Compiled C from CasADi functions: SIMD code generator, build, cache, compilers; knows no problem and no robot."""
+"""Compiled C from CasADi functions: SIMD code generator, build, cache, compilers; for any problem and any robot."""
 
 from . import simd as simd
 from .build import SOLVER_FLAGS as SOLVER_FLAGS
