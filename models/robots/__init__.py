@@ -1,9 +1,10 @@
 """Robots by name or from URDF files: one module for each known robot."""
 
-from .load import build_model as build_model
-from .load import leaf_frames as leaf_frames
+from .description import build_model as build_model
+from .description import leaf_frames as leaf_frames
+from .description import locate as locate
+from .known import KnownRobot as KnownRobot
+from .known import names as names
 from .load import load as load
-from .load import locate as locate
-from .load import names as names
 from .recipes import robot_from_recipe as robot_from_recipe
 from .recipes import robot_recipe as robot_recipe

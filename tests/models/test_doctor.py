@@ -5,7 +5,7 @@ import re
 import pytest
 
 from piaffe import models
-from piaffe.models.robots.load import names
+from tests.robots import ROBOTS
 
 FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
 CHEETAH = models.load("mini_cheetah").urdf.read_text()
@@ -26,7 +26,7 @@ def of(findings, severity):
     return [str(finding) for finding in findings if finding.severity == severity]
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_known_robots_have_no_errors(name):
     assert of(models.diagnose(name), "error") == []
 

@@ -9,7 +9,7 @@ import pytest
 from piaffe import models
 from piaffe.models.legs import _damped_step
 from piaffe.models.robot import to_pinocchio
-from piaffe.models.robots.load import names
+from tests.robots import ROBOTS
 
 
 def random_poses(rng, robot, count):
@@ -18,7 +18,7 @@ def random_poses(rng, robot, count):
     return position, quaternion, robot.pose("stand") + rng.uniform(-0.6, 0.6, (count, robot.num_joints))
 
 
-@pytest.fixture(scope="module", params=names())
+@pytest.fixture(scope="module", params=ROBOTS)
 def legs(request):
     return models.Kinematics(models.load(request.param))
 

@@ -7,11 +7,11 @@ import pytest
 from piaffe import models
 from piaffe.errors import ModelError
 from piaffe.models.mujoco.scene import body_names, mujoco_model, mujoco_spec
-from piaffe.models.robots.load import names
 from piaffe.models.terrain import FLOOR
+from tests.robots import ROBOTS
 
 
-@pytest.fixture(scope="module", params=[*names(), "mini_cheetah with rotors"])
+@pytest.fixture(scope="module", params=[*ROBOTS, "mini_cheetah with rotors"])
 def robot(request):
     name, *more = request.param.split(" with ")
     return models.load(name, rotors=bool(more))

@@ -10,8 +10,8 @@ from piaffe.models import Robot, WholeBody, load
 from piaffe.models.recursions import Recursion
 from piaffe.models.robot import to_pinocchio
 from piaffe.models.tree import Inertials, Point, Tree
+from tests.robots import ROBOTS
 
-ROBOTS = ("mini_cheetah", "solo12", "go2", "anymal_c")
 WORLD = pin.LOCAL_WORLD_ALIGNED
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

@@ -9,8 +9,8 @@ import pytest
 from piaffe import models
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.models.robot import to_pinocchio
-from piaffe.models.robots.load import names
 from piaffe.ocp import rotation
+from tests.robots import ROBOTS
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def cheetah():
     return models.load("mini_cheetah")
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_every_known_robot_loads_with_four_feet_of_all_roles(name):
     robot = models.load(name)
     corners = {(front, side) for front in ("front", "hind") for side in ("left", "right")}
@@ -31,7 +31,7 @@ def test_every_known_robot_loads_with_four_feet_of_all_roles(name):
     assert robot.base_height("crouch") < 0.8 * robot.base_height("stand")
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_stand_has_all_feet_on_the_ground_below_the_centre_of_mass(name):
     robot = models.load(name)
     q = pinocchio.neutral(robot.model)

@@ -12,8 +12,7 @@ from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.models import Foot, Robot, WholeBody, base, feet, frames, joints, load, stance
 from piaffe.models.robot import to_pinocchio
 from piaffe.ocp.language.model import Node
-
-ROBOTS = ("mini_cheetah", "solo12", "go2", "anymal_c")
+from tests.robots import ROBOTS
 
 
 @pytest.fixture(scope="module", params=ROBOTS)

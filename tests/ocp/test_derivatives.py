@@ -13,8 +13,8 @@ from piaffe.models import constraints, stance
 from piaffe.ocp.compiler.compiled import CompiledProblem
 from piaffe.ocp.compiler.vectorised import Vectorised
 from piaffe.ocp.reports.derivative_check import Finding, check_derivatives
+from tests.robots import ROBOTS
 
-ROBOTS = ("mini_cheetah", "solo12", "go2", "anymal_c")
 SHIPPED = {
     "friction_cone": constraints.friction_cone(mu=0.6),
     "torque_limits": constraints.torque_limits(),

@@ -17,6 +17,7 @@ from piaffe.sampling.engines import simd_text as lanes_text
 from piaffe.sampling.engines.engine import MAX_SPEED
 from piaffe.sampling.engines.native import NativeEngine
 from piaffe.sampling.engines.simd import DifferentError, SimdEngine
+from tests.robots import ROBOTS
 
 N, STEPS = 37, 8  # no whole number of lanes
 
@@ -86,7 +87,7 @@ def test_states_are_mujocos_on_every_ground_of_planes_and_boxes(terrain):
     assert np.abs(np.diff(rolled.states[:, :, 25:], axis=1)).max() > 1.0  # something happened
 
 
-@pytest.mark.parametrize("robot", ["mini_cheetah", "go2", "anymal_c"])
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_states_are_mujocos_for_every_quadruped(robot):
     random = np.random.default_rng(2)
     model = simulated(robot)
