@@ -18,7 +18,7 @@ from piaffe.viz import gl
 from piaffe.viz.cuts import cuts_of, picture_size
 from piaffe.viz.film import Cut, follow
 from piaffe.viz.playback import Playback
-from piaffe.viz.simulation import simulate
+from piaffe.viz.simulated import simulate
 
 
 @pytest.fixture(scope="module")
@@ -174,35 +174,46 @@ def test_the_ghost_is_what_was_asked_for(playback: Playback) -> None:
 
 
 def test_the_policy_hops_in_simulation(playback: Playback) -> None:
-    run = simulate(playback)
+    run, snapshots = simulate(playback)
     assert run.lost_at is None
-    assert len(run.snapshots) == 401
+    assert len(snapshots) == 401
     assert run.position.max() < 0.05
-    assert run.snapshots[0].forces[:, 2].sum() >= 0
-    standing = [s for s in run.snapshots if s.time < 0.14]
+    assert snapshots[0].forces[:, 2].sum() >= 0
+    standing = [s for s in snapshots if s.time < 0.14]
     weight = playback.robot.mass * 9.81
     assert np.mean([s.forces[:, 2].sum() for s in standing]) == pytest.approx(weight, rel=0.6)
-    assert max(abs(s.forces[:, 2]).max() for s in run.snapshots if 0.2 < s.time < 0.24) == 0
+    assert max(abs(s.forces[:, 2]).max() for s in snapshots if 0.2 < s.time < 0.24) == 0
 
 
-def test_without_feedback_and_torque_the_plan_is_lost(playback: Playback, hop: Path) -> None:
-    limp = Playback(Solution.load(hop))
-    parts = tuple(replace(part, controls=np.zeros_like(part.controls)) for part in limp.trajectory.phases)
-    limp.trajectory = replace(limp.trajectory, phases=parts)
-    limp.solution = replace(
-        limp.solution, phases=tuple(replace(p, feedback=np.zeros_like(p.feedback)) for p in limp.solution.phases)
-    )
-    run = simulate(limp)
+def test_what_is_seen_of_a_simulation_is_the_simulated_robot_with_the_plan_as_its_ghost(playback: Playback) -> None:
+    run, snapshots = simulate(playback)
+    for i in (0, 100, 200, 400):
+        shown = snapshots[i]
+        np.testing.assert_array_equal(shown.qpos, run.states[i, :19])
+        assert shown.ghost == pytest.approx(playback.at(shown.time).qpos, abs=1e-12)
+        assert shown.phase == playback.at(shown.time).phase
+        assert shown.contact == tuple(force[2] > 1e-3 for force in run.forces[i])
+    (cut,), said = cuts_of(playback, [0.5], ghost=False, simulated=True, mu=None)
+    assert said == str(run)
+    assert cut.note == "simulation"
+    np.testing.assert_array_equal(cut.shown(0.1003).qpos, snapshots[100].qpos)
+    assert cut.shown(0.1).ghost is None
+
+
+def test_without_feedback_and_torque_the_plan_is_lost(playback: Playback) -> None:
+    parts = tuple(replace(part, controls=np.zeros_like(part.controls)) for part in playback.trajectory.phases)
+    gains = tuple(replace(p, feedback=np.zeros_like(p.feedback)) for p in playback.solution.phases)
+    limp = replace(playback.solution, trajectory=replace(playback.trajectory, phases=parts), phases=gains)
+    run, _ = simulate(Playback(limp))
     assert run.position.max() > 0.05
-    assert run.position.max() > 3 * simulate(playback).position.max()
+    assert run.position.max() > 3 * simulate(playback)[0].position.max()
     assert ("lost the plan at" in str(run)) == (run.lost_at is not None)
 
 
 def test_only_a_whole_body_is_simulated(playback: Playback) -> None:
-    short = Playback(playback.solution)
     parts = tuple(replace(part, states=part.states[:, :13]) for part in playback.trajectory.phases)
-    short.trajectory = replace(playback.trajectory, phases=parts)
+    short = replace(playback.solution, trajectory=replace(playback.trajectory, phases=parts))
     with pytest.raises(
         ModelError, match="does not begin with a whole body - got model 'mini_cheetah' with 13 states, expected 37"
     ):
-        simulate(short)
+        simulate(Playback(short))

@@ -1,12 +1,22 @@
 """Closed-loop episodes of a controller on a MuJoCo plant."""
 
+from .closed_loop import Progress as Progress
+from .closed_loop import run_episode as run_episode
 from .controller import Controller as Controller
 from .controller import Judgement as Judgement
 from .controller import Plan as Plan
 from .controller import TickingController as TickingController
 from .episode import Episode as Episode
-from .episode import Progress as Progress
-from .episode import run_episode as run_episode
+from .forces import foot_forces as foot_forces
+from .interpolation import interpolate as interpolate
+from .interpolation import node_before as node_before
+from .interpolation import phase_index as phase_index
 from .plant import MAX_SPEED as MAX_SPEED
 from .plant import Plant as Plant
+from .policy import Policy as Policy
+from .policy_controller import PolicyController as PolicyController
+from .policy_controller import PolicyPlan as PolicyPlan
+from .policy_run import PolicyRun as PolicyRun
+from .policy_run import run_policy as run_policy
+from .policy_run import torque_plant as torque_plant
 from .spread import Spread as Spread

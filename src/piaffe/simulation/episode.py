@@ -1,26 +1,16 @@
-"""Episodes: a controller and a plant in closed loop, and what came of it."""
+"""Episodes: what came of a controller and a plant in closed loop."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import nan
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-from piaffe.errors import SamplingError
-from piaffe.models import Mujoco, base
-
-from .controller import Controller, Plan, TickingController
-from .plant import Plant
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-Progress = Callable[[int, int], None]
-"""Called with steps done and steps in all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,156 +85,3 @@ class Episode:
             "effective_samples_median": float(np.median(self.effective_samples)),
             "failed_rollouts": self.failed_rollouts,
         }
-
-
-def run_episode(
-    controller: Controller,
-    plant: Any = None,
-    *,
-    steps: int = 400,
-    seed: int = 0,
-    initial: ArrayLike | None = None,
-    latency: float = 0.0,
-    start: float = 0.0,
-    progress: Progress | None = None,
-) -> Episode:
-    """Run a controller against a plant, from the problem's initial state, until it falls or the steps are done.
-
-    Args:
-        controller: any; it is reset first. One with a low level, see :class:`TickingController`, acts between plans.
-        plant: a ``models.Mujoco`` with the same control step, ``model.as_plant(timestep=0.002)`` by default.
-        steps: control steps.
-        seed: of what the controller draws.
-        initial: state (nx,); the problem's by default.
-        latency: time from a state to the first effect of the plan made for it [s]; the plan before acts until then.
-        start: time since the motion's start [s].
-        progress: called after every step.
-
-    Raises:
-        SamplingError: there are no steps, the plant has other joints or another control step, or the latency is
-            longer than that.
-    """
-    if steps < 1:
-        raise SamplingError(f"episode: steps are out of range - got {steps!r}, expected at least 1; change them")
-    plant = controller.model.as_plant() if plant is None else plant
-    loop = _Loop(controller, plant, _lag(controller, plant, latency), _ticks(controller, plant))
-    first = round(start / controller.dt)
-    controller.reset(seed)
-    x = np.array(controller.initial if initial is None else initial, dtype=float)
-    loop.begin(x)
-    states, actions, plan_ms, figures = [x], [], [], []
-    fell = False
-    for k in range(steps):
-        plan = loop.step((first + k) * controller.dt)
-        states.append(loop.plant.state)
-        actions.append(plan.action)
-        plan_ms.append(1e3 * sum(plan.seconds.values()))
-        figures.append(plan.figures)
-        if progress is not None:
-            progress(k + 1, steps)
-        fell = loop.plant.failed or bool(plant.fallen(states[-1]))
-        if fell:
-            break
-    return _episode(controller, first, np.array(states), np.array(actions), steps, fell, np.array(plan_ms), figures)
-
-
-class _Loop:
-    """A controller and a plant, one control step after another.
-
-    Args:
-        controller: plans from the state at a step's start.
-        model: the plant's.
-        lag: steps of the simulator until that plan acts.
-        ticks: steps of the simulator per tick of the low level; 0 if there is none.
-    """
-
-    def __init__(self, controller: Controller, model: Mujoco, lag: int, ticks: int) -> None:
-        self._controller, self._model, self._lag, self._ticks = controller, model, lag, ticks
-
-    def begin(self, x: Array) -> None:
-        """Put the plant into its first state (nx,)."""
-        self.plant = Plant(self._model, x)
-        self._control = self._controller.hold(x)
-        self._planned = False
-
-    def step(self, t: float) -> Plan:
-        """Return the plan made for time t [s] after the plant has made a control step."""
-        measured = self.plant.state
-        self.plant.settle()
-        self._advance(t, 0, self._lag)
-        plan = self._controller.plan(measured, t)
-        self._control, self._planned = np.asarray(plan.action, dtype=float), True
-        self._advance(t, self._lag, self._model.substeps)
-        return plan
-
-    def _advance(self, t: float, first: int, last: int) -> None:
-        for i in range(first, last):
-            if self._ticks and self._planned and (i % self._ticks == 0 or i == self._lag):
-                low = self._controller
-                assert isinstance(low, TickingController)  # it has ticks
-                self._control = np.asarray(low.tick(self.plant.state, t + i * self._model.timestep), dtype=float)
-            self.plant.step(self._control)
-
-
-def _ticks(controller: Controller, plant: Mujoco) -> int:
-    """Return steps of the simulator per tick of a controller's low level; 0 if it has none."""
-    if not isinstance(controller, TickingController):
-        return 0
-    ticks = round(controller.tick_dt / plant.timestep)
-    if ticks < 1 or abs(ticks * plant.timestep - controller.tick_dt) > 1e-9 or plant.substeps % ticks:
-        raise SamplingError(
-            f"episode: time between ticks is out of range - got {controller.tick_dt:g} s, expected a multiple of the "
-            f"plant's {plant.timestep:g} s of which {controller.dt:g} s is a multiple; change one of them"
-        )
-    return ticks
-
-
-def _lag(controller: Controller, plant: Any, latency: float) -> int:
-    """Return a latency in steps of the plant's simulator."""
-    if not (isinstance(plant, Mujoco) and plant.robot.joint_names == controller.model.robot.joint_names):
-        name, robot = getattr(plant, "name", plant), controller.model.robot.name
-        raise SamplingError(
-            f"episode: plant is unusable - got {name!r}, expected a models.Mujoco with the joints of robot '{robot}'; "
-            "make it with model.as_plant()"
-        )
-    if abs(plant.dt - controller.dt) > 1e-9:
-        raise SamplingError(
-            f"episode: plant '{plant.name}' has another control step - got {plant.dt:g} s, expected {controller.dt:g} "
-            "s; make it with model.as_plant()"
-        )
-    lag = round(latency / float(plant.timestep))
-    if not 0 <= lag <= int(plant.substeps):
-        raise SamplingError(
-            f"episode: latency is out of range - got {latency:g} s, expected 0 to {controller.dt:g} s, a control step; "
-            "change it"
-        )
-    return lag
-
-
-def _episode(
-    controller: Controller, first: int, states: Array, actions: Array, steps: int, fell: bool, plan_ms: Array,
-    figures: Sequence[Mapping[str, float]],
-) -> Episode:  # fmt: skip
-    count, dt = len(actions), controller.dt
-    judged = controller.judge(states[:-1], actions, first * dt)
-    where = controller.model.state.slices[base.position]
-    way = controller.place((first + count) * dt) - controller.place(first * dt)
-    commanded = float(np.linalg.norm(way))
-    ahead = way / commanded if commanded > 0 else np.zeros(2)
-    covered = states[-1, where][:2] - states[0, where][:2]
-    return Episode(
-        times=np.asarray((first + np.arange(count + 1)) * dt, dtype=float),
-        states=states,
-        actions=actions,
-        cost=judged.cost,
-        reward=judged.reward,
-        violation=judged.violation,
-        constraints=judged.constraints,
-        steps=steps,
-        fell=fell,
-        distance=float(covered @ ahead),
-        commanded=commanded,
-        plan_ms=plan_ms,
-        effective_samples=np.array([row.get("effective_samples", nan) for row in figures]),
-        failed_rollouts=int(sum(row.get("failed", 0) for row in figures)),
-    )

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from piaffe.models import Mujoco, import_mujoco
 
+from .forces import foot_forces
+
 Array = NDArray[np.float64]
 
 MAX_SPEED = 1e3
@@ -32,6 +34,7 @@ class Plant:
         compiled.opt.disableflags &= ~int(bits.mjDSBL_WARMSTART)
         self._compiled, self._data = compiled, self._mujoco.MjData(compiled)
         self._data.qpos[:], self._data.qvel[:] = x[: compiled.nq], x[compiled.nq :]
+        self._feet = [compiled.geom(foot.name).id for foot in model.robot.feet]
         self._steps = 0
         self.failed = False
 
@@ -39,6 +42,12 @@ class Plant:
     def state(self) -> Array:
         """Its state (nx,)."""
         return np.concatenate([self._data.qpos, self._data.qvel])
+
+    def foot_forces(self) -> Array:
+        """Return the world force on each foot, (nf, 3) [N], of the last step; of its first state before any step."""
+        if self._steps == 0:
+            self._mujoco.mj_forward(self._compiled, self._data)
+        return foot_forces(self._compiled, self._data, self._feet)
 
     def settle(self) -> None:
         """Let the contact solver start from nothing, as it does at the start of a controller's roll-outs."""

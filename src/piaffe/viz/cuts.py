@@ -12,7 +12,7 @@ from piaffe.errors import ProblemError
 
 from .film import Cut
 from .playback import Playback, Snapshot
-from .simulation import Run, simulate
+from .simulated import simulate
 
 
 def cuts_of(
@@ -32,16 +32,10 @@ def cuts_of(
             raise ProblemError(f"film: speed is out of range - got {speed}, expected a number > 0; 1 is real time")
     if not simulated:
         return [Cut(lambda t: playback.at(t, ghost=ghost), playback.start, playback.end, speed) for speed in speeds], ""
-    run = simulate(playback, mu=mu)
-    end = run.snapshots[-1].time
+    run, snapshots = simulate(playback, mu=mu)
     note = "simulation" if run.lost_at is None else f"simulation, lost at {run.lost_at:.2f} s"
-    return [Cut(recorded(run, ghost), run.snapshots[0].time, end, speed, note) for speed in speeds], str(run)
-
-
-def recorded(run: Run, ghost: bool) -> Callable[[float], Snapshot]:
-    """Return a function of time [s] that gives the nearest snapshot of a simulation."""
-    find = nearest(run.snapshots)
-    return find if ghost else lambda t: replace(find(t), ghost=None)
+    shown = nearest(snapshots if ghost else [replace(snapshot, ghost=None) for snapshot in snapshots])
+    return [Cut(shown, snapshots[0].time, snapshots[-1].time, speed, note) for speed in speeds], str(run)
 
 
 def nearest(snapshots: Sequence[Snapshot]) -> Callable[[float], Snapshot]:

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from piaffe.simulation import Episode
+from piaffe.simulation import Episode, foot_forces
 
 from .cuts import nearest
 from .film import Cut, sheet, write
 from .playback import Snapshot
-from .simulation import foot_forces
 from .studio import Studio
 
 _TOUCHES_N = 1e-3
@@ -51,7 +50,7 @@ def snapshots(plant: Any, episode: Episode) -> list[Snapshot]:
         data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
         data.ctrl[:] = plant.control_to_ctrl(action)
         mujoco.mj_forward(model, data)
-        forces = foot_forces(mujoco, model, data, feet)
+        forces = foot_forces(model, data, feet)
         touches = tuple(bool(np.linalg.norm(force) > _TOUCHES_N) for force in forces)
         found.append(Snapshot(float(time), np.array(data.qpos), forces, plant.name, touches))
     return found

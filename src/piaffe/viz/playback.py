@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError
 from piaffe.models import robot_from_recipe
 from piaffe.ocp import PhaseTrajectory, Trajectory
+from piaffe.simulation import interpolate, phase_index
 
 from .curves import feet_of
 
@@ -76,29 +77,17 @@ class Playback:
 
     def at(self, t: float, *, ghost: bool = False) -> Snapshot:
         """Return what is seen at time t [s]; with ``ghost`` also the pose that the motion was asked for."""
-        i = self.phase_index(t)
+        i = phase_index(self.trajectory, t)
         part = self.trajectory.phases[i]
         sample = {quantity.path: value for quantity, value in part.sample(t).items()}
         count = len(self.feet)
         forces = np.asarray(sample.get("feet.force", np.zeros(3 * count))).reshape(-1, 3)
         asked = None
         if ghost:
-            asked = self.pose(part, self.interpolate(part, self.solution.phases[i].target_states, t), i)
+            asked = self.pose(part, interpolate(part, self.solution.phases[i].target_states, t), i)
         contact = tuple(bool(np.any(np.abs(force) > 1e-6)) for force in forces)
-        return Snapshot(
-            t, self.pose(part, self.interpolate(part, part.states, t), i), forces, part.name, contact, asked
-        )
-
-    def phase_index(self, t: float) -> int:
-        """Return the phase at time t; the later one on a boundary."""
-        parts = self.trajectory.phases
-        return max((i for i, part in enumerate(parts) if part.times[0] <= t + 1e-9), default=0)
-
-    @staticmethod
-    def interpolate(part: PhaseTrajectory, states: Array, t: float) -> Array:
-        """Return a state between nodes, (nx,)."""
-        k, share = node_before(part, t)
-        return part.state.np_plus(states[k], share * part.state.np_minus(states[k + 1], states[k]))
+        seen = self.pose(part, interpolate(part, part.states, t), i)
+        return Snapshot(t, seen, forces, part.name, contact, asked)
 
     def pose(self, part: PhaseTrajectory, state: Array, i: int) -> Array:
         """Return MuJoCo's qpos of a state of phase i."""
@@ -120,9 +109,3 @@ class Playback:
 def caption(part: PhaseTrajectory) -> str:
     """Return a phase's name; the model's where one stretch spans several phases."""
     return part.model if part.mode == "scheduled" else part.name
-
-
-def node_before(part: PhaseTrajectory, t: float) -> tuple[int, float]:
-    """Return the stage that contains time t, and the share of it that has passed; clamped to the phase."""
-    k = int(np.clip(np.searchsorted(part.times, t + 1e-9, side="right") - 1, 0, len(part.times) - 2))
-    return k, float(np.clip((t - part.times[k]) / (part.times[k + 1] - part.times[k]), 0.0, 1.0))

@@ -1,0 +1,143 @@
+"""The policy of a solution, u = ū + K (x ⊖ x̄), at any time of its plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ModelError, ShapeError
+from piaffe.ocp import PhaseTrajectory, Trajectory
+
+from .interpolation import interpolate, node_before, phase_index
+
+Array = NDArray[np.float64]
+
+
+class PhasePolicy(Protocol):
+    """What a solution holds of the policy of one phase of N stages."""
+
+    @property
+    def feedback(self) -> Array:
+        """Gains K, (N, nu, ndx)."""
+        ...
+
+
+class Solved(Protocol):
+    """A solution, whoever found it: a trajectory, and gains for each of its phases."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Times, states and controls."""
+        ...
+
+    @property
+    def phases(self) -> Sequence[PhasePolicy]:
+        """Gains, aligned with the trajectory's phases."""
+        ...
+
+
+class Planned(NamedTuple):
+    """What a plan says of one time.
+
+    Attributes:
+        phase: index of the phase.
+        part: that phase.
+        stage: index of the stage in it.
+        state: x̄ between the nodes, (nx,).
+    """
+
+    phase: int
+    part: PhaseTrajectory
+    stage: int
+    state: Array
+
+
+class Policy:
+    """A plan and the gains about it: u = ū + K (x ⊖ x̄).
+
+    x̄ is interpolated between the nodes; ū and K hold for a stage. After the plan's end, the last stage's hold.
+
+    Args:
+        trajectory: the plan; its phases have states of one size.
+        feedback: K of each phase, (N, nu, ndx).
+
+    Raises:
+        ShapeError: gains do not fit the trajectory.
+    """
+
+    def __init__(self, trajectory: Trajectory, feedback: Sequence[Array]) -> None:
+        if len(feedback) != len(trajectory.phases):
+            raise ShapeError(
+                f"policy: gains do not fit the trajectory - got those of {len(feedback)} phases, expected "
+                f"{len(trajectory.phases)}; give one table per phase"
+            )
+        for part, table in zip(trajectory.phases, feedback, strict=True):
+            expected = (*part.controls.shape, part.state.ndx)
+            if np.shape(table) != expected:
+                raise ShapeError(
+                    f"policy, phase '{part.name}': gains have the wrong size - got shape {np.shape(table)}, expected "
+                    f"{expected}; give K for each stage, (N, nu, ndx)"
+                )
+        self.trajectory, self.feedback = trajectory, tuple(feedback)
+
+    @staticmethod
+    def of(solution: Solved, nx: int) -> Policy:
+        """Return the policy of a solution, up to the first phase whose states are of another size.
+
+        Args:
+            solution: the solution.
+            nx: size of the states of the plant that it is for.
+
+        Raises:
+            ModelError: its first phase has states of another size.
+        """
+        parts = solution.trajectory.phases
+        n = next((i for i, part in enumerate(parts) if part.states.shape[1] != nx), len(parts))
+        if n == 0:
+            raise ModelError(
+                f"simulation: the solution does not begin with a whole body - got model '{parts[0].model}' with "
+                f"{parts[0].states.shape[1]} states, expected {nx}; film it without --simulate"
+            )
+        return Policy(Trajectory(parts[:n]), [phase.feedback for phase in solution.phases[:n]])
+
+    @property
+    def start(self) -> float:
+        """Time of the first node [s]."""
+        return float(self.trajectory.phases[0].times[0])
+
+    @property
+    def end(self) -> float:
+        """Time of the last node [s]."""
+        return float(self.trajectory.phases[-1].times[-1])
+
+    @property
+    def initial(self) -> Array:
+        """First state of the plan, (nx,)."""
+        return np.asarray(self.trajectory.phases[0].states[0])
+
+    def planned(self, t: float) -> Planned:
+        """Return what the plan says of time t [s]."""
+        i = phase_index(self.trajectory, t)
+        part = self.trajectory.phases[i]
+        return Planned(i, part, node_before(part, t)[0], interpolate(part, part.states, t))
+
+    def off(self, x: Array, t: float) -> Array:
+        """Return how far a state is from the plan, x ⊖ x̄, (ndx,)."""
+        planned = self.planned(t)
+        return planned.part.state.np_minus(x, planned.state)
+
+    def control(self, x: Array, t: float) -> Array:
+        """Return u = ū + K (x ⊖ x̄), (nu,).
+
+        Args:
+            x: state (nx,).
+            t: time [s].
+        """
+        planned = self.planned(t)
+        u = planned.part.controls[planned.stage]
+        return np.asarray(
+            u + self.feedback[planned.phase][planned.stage] @ planned.part.state.np_minus(x, planned.state)
+        )
