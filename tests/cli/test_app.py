@@ -282,3 +282,10 @@ def test_view_says_that_there_is_no_display(
     code, _, err = run(capsys, "view", hop)
     assert code == 2
     assert "view: there is no display - got neither DISPLAY nor WAYLAND_DISPLAY" in err
+
+
+def test_help_does_not_wait_for_what_commands_import() -> None:
+    code = "import sys, piaffe.cli.app; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "piaffe.cli.app" in loaded
+    assert {"casadi", "numpy", "mujoco", "matplotlib", "piaffe.ocp"} & set(loaded) == set()

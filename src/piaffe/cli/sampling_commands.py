@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from collections.abc import Callable
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from piaffe.errors import SamplingError
 
+from .arguments import FAILED
 from .reports import as_json, plain, print_cells, terminal
 
-FAILED = 1
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
 STALE = ("refuse", "keep", "redo")
 
 SampledFile = Annotated[
@@ -80,6 +81,7 @@ def mppi(
         require_picture(plot)
 
     from piaffe.sampling import complete, load_declared, prepare, save_episodes
+    from piaffe.viz import progress_bars
 
     from .episodes import episode_values, print_episodes
 
@@ -103,7 +105,7 @@ def mppi(
     chosen = range(seeds) if seed is None else [seed]
     episodes = {}
     try:
-        with bars() as progress:
+        with progress_bars() as progress:
             overall = progress.add_task("seeds", total=len(chosen))
             for each in chosen:
                 inner = progress.add_task(f"seed {each}", total=steps)
@@ -176,7 +178,7 @@ def study(
         write_parquet,
         write_tables,
     )
-    from piaffe.viz import draw_study
+    from piaffe.viz import draw_study, progress_bars
 
     require_pyarrow()
     if stale not in STALE:
@@ -196,7 +198,7 @@ def study(
     threads = max(1, cores // count)
     failures = {}
     if missing and not tables:
-        with executor_of(executor, count, threads) as pool, bars() as progress:
+        with executor_of(executor, count, threads) as pool, progress_bars() as progress:
             bar = progress.add_task("episodes", total=len(missing))
             failures = whole.run(
                 FileTask(declared.spec, str(file.parent), threads), pool, stale=stale,  # type: ignore[arg-type]  # checked above
@@ -235,12 +237,3 @@ def pair(text: str) -> tuple[str, Any]:
         return name, ast.literal_eval(value)
     except (ValueError, SyntaxError):
         return name, value
-
-
-@contextmanager
-def bars(columns: Sequence[Any] = ()) -> Iterator[Progress]:
-    """Show progress on standard error, if that is a terminal."""
-    console = Console(stderr=True)
-    shown = columns or (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*shown, console=console, transient=True, disable=not console.is_terminal) as progress:
-        yield progress

@@ -1,17 +1,61 @@
-"""Figures, films, pictures and progress displays."""
+"""Figures, films, pictures and progress displays: the same for Python and the command line.
+
+A name is imported from its module when it is first asked for: matplotlib, MuJoCo and Pillow take longer to import than
+most commands to run.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
 
 from . import gl as gl
-from .cuts import cuts_of as cuts_of
-from .cuts import is_sheet as is_sheet
-from .cuts import picture_size as picture_size
-from .episode_figure import plot_episodes as plot_episodes
-from .episode_film import film_episode as film_episode
-from .figure import plot as plot
-from .figure import require_picture as require_picture
-from .film import sheet as sheet
-from .film import write as write
-from .playback import Playback as Playback
-from .progress import LiveTable as LiveTable
-from .studio import Studio as Studio
-from .study_figures import draw_study as draw_study
-from .viewer import show as show
+
+if TYPE_CHECKING:  # what a type checker and import-linter read; `_MODULES` says the same to Python
+    from .bars import progress_bars as progress_bars
+    from .building import start_solver as start_solver
+    from .cuts import cuts_of as cuts_of
+    from .cuts import is_sheet as is_sheet
+    from .cuts import picture_size as picture_size
+    from .episode_figure import plot_episodes as plot_episodes
+    from .episode_film import film_episode as film_episode
+    from .figure import plot as plot
+    from .figure import require_picture as require_picture
+    from .film import sheet as sheet
+    from .film import write as write
+    from .playback import Playback as Playback
+    from .progress import LiveTable as LiveTable
+    from .simulated import simulate as simulate
+    from .studio import Studio as Studio
+    from .study_figures import draw_study as draw_study
+    from .viewer import show as show
+else:
+    _MODULES = {
+        "progress_bars": "bars",
+        "start_solver": "building",
+        "cuts_of": "cuts",
+        "is_sheet": "cuts",
+        "picture_size": "cuts",
+        "plot_episodes": "episode_figure",
+        "film_episode": "episode_film",
+        "plot": "figure",
+        "require_picture": "figure",
+        "sheet": "film",
+        "write": "film",
+        "Playback": "playback",
+        "LiveTable": "progress",
+        "simulate": "simulated",
+        "Studio": "studio",
+        "draw_study": "study_figures",
+        "show": "viewer",
+    }
+
+    def __getattr__(name: str) -> object:
+        if name not in _MODULES:
+            raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+        found = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
+        globals()[name] = found  # asked once
+        return found
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *_MODULES})

@@ -1,20 +1,45 @@
-"""The cache of compiled libraries, as a table or as JSON."""
+"""The command that shows or clears the cache of compiled libraries."""
 
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich.console import Console
 from rich.table import Table
 
-from piaffe.codegen import Cache, fault_of, this_cpu
+from .arguments import Json
+from .reports import as_json, terminal
+
+if TYPE_CHECKING:
+    from piaffe.codegen import Cache
 
 _UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (0.0, "s"))
 
 
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all of them.")] = False,
+    json: Json = False,
+) -> None:
+    """Show the compiled solvers that are kept: where, what for, how large and how old; or remove them."""
+    from piaffe.codegen import Cache
+
+    kept = Cache()
+    if clear:
+        removed, freed = kept.clear()
+        text = f"libraries removed: {removed}, freed: {megabytes(freed)}"
+        print(as_json({"removed": removed, "freed": freed}) if json else text)
+    elif json:
+        print(as_json(cache_values(kept)))
+    else:
+        print_cache(terminal(), cache_values(kept))
+
+
 def cache_values(cache: Cache) -> dict[str, Any]:
     """Return what ``cache --json`` prints."""
+    from piaffe.codegen import fault_of, this_cpu
+
     now, cpu = time.time(), this_cpu()
     entries = [
         {

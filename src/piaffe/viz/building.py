@@ -1,4 +1,4 @@
-"""Starting a solver from the command line: what is compiled is shown, and a missing compiler is told in one line."""
+"""Starting a solver with a display: what is compiled is shown, and a missing compiler is told in one line."""
 
 from __future__ import annotations
 

@@ -1,0 +1,35 @@
+"""The command that looks for faults in a robot's description."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from .arguments import FAILED
+from .reports import plain, terminal
+
+
+def doctor(
+    urdf: Annotated[str, typer.Argument(metavar="URDF", help="A URDF file, or the name of a known robot.")],
+    feet: Annotated[
+        str | None, typer.Option(metavar="'FRAME ...'", help="Frames of the feet, separated by spaces or commas.")
+    ] = None,
+    foot_radius: Annotated[float | None, typer.Option(help="Radius of the foot's ball [m].")] = None,
+) -> None:
+    """Say what is wrong or missing in a robot's description. Exit code 1 if it cannot be used."""
+    from piaffe.models import diagnose
+
+    names = feet.replace(",", " ").split() if feet else None
+    findings = diagnose(urdf, feet=names, foot_radius=foot_radius)
+    console = terminal()
+    colours = {"error": "bold red", "warning": "bold yellow", "note": "dim"}
+    for finding in findings:
+        console.print(
+            f"[{colours[finding.severity]}]{finding.severity}:[/] {plain(f'{finding.where}: {finding.text}')}",
+            soft_wrap=True,
+        )
+    errors = sum(finding.severity == "error" for finding in findings)
+    warnings = sum(finding.severity == "warning" for finding in findings)
+    console.print(f"{errors} errors, {warnings} warnings")
+    raise typer.Exit(FAILED if errors else 0)

@@ -1,0 +1,115 @@
+"""The commands on a declared problem: describe, solve, verify, check."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from piaffe.errors import PiaffeError
+
+from .arguments import FAILED, File, Json, Saved
+from .reports import plain, terminal
+
+
+def describe(file: File) -> None:
+    """Print the compiled phases, what bound where, what did not and why, and warnings."""
+    from piaffe.ocp import compile_problem, load_problem
+    from piaffe.ocp import describe as text
+
+    print(text(compile_problem(load_problem(file))))
+
+
+def solve(
+    file: File,
+    save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the solution, converged or not.")] = None,
+    json: Json = False,
+    max_iterations: Annotated[int | None, typer.Option(min=1, help="Stop after so many iterations.")] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Stop after so many seconds.")] = None,
+    warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Begin from a saved solution.")] = None,
+    backend: Annotated[str, typer.Option(help="native (compiled C) or numpy (the readable reference).")] = "native",
+) -> None:
+    """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
+    from piaffe.ocp import load_problem
+    from piaffe.solvers import Options, Solution
+    from piaffe.viz import LiveTable, start_solver
+
+    from .reports import as_json, print_solution, solution_values
+
+    problem = load_problem(file, quiet=json)
+    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit_s": time_limit}
+    settings = replace(Options(), **{key: value for key, value in given.items() if value is not None})
+    start = None if warm_start is None else Solution.load(warm_start)
+    began = time.perf_counter()
+    solver = start_solver(problem, settings, backend)
+    if json:
+        solution = solver.solve(start)
+    else:
+        with LiveTable(settings) as table:
+            solution = solver.solve(start, progress=table)
+    wall_s = time.perf_counter() - began
+    saved = None if save is None else solution.save(save)
+    if json:
+        print(as_json(solution_values(solution, wall_s)))
+    else:
+        print_solution(terminal(), solution, wall_s)
+        if saved is not None:
+            print(f"saved {saved}")
+    raise typer.Exit(0 if solution.converged else FAILED)
+
+
+def verify(solution: Saved, file: File, json: Json = False) -> None:
+    """Recompute every defect, equality and inequality without the solver. Exit code 1 if some bound is missed."""
+    from piaffe.ocp import compile_problem, load_problem
+    from piaffe.ocp import verify as recompute
+    from piaffe.solvers import Solution  # to read the file; nothing of the solver is run
+
+    from .reports import as_json, print_verification, verification_values
+
+    trajectory = Solution.load(solution).trajectory
+    compiled = compile_problem(load_problem(file, quiet=json), checks=False)
+    result = recompute(compiled, trajectory)
+    values = verification_values(compiled, trajectory, result)
+    if json:
+        print(as_json(values))
+    else:
+        print_verification(terminal(), result, values)
+    raise typer.Exit(0 if result.holds else FAILED)
+
+
+def check(
+    file: File,
+    points: Annotated[
+        int, typer.Option(min=1, help="Nodes of the initial guess per mode, and as many random states.")
+    ] = 3,
+    seed: Annotated[int, typer.Option(help="Seed of the random states.")] = 0,
+) -> None:
+    """Compare every derivative with finite differences, scan the initial guess for NaN, report units and sizes."""
+    from piaffe.ocp import check_derivatives, check_guess, compile_problem, find_warnings, load_problem, report
+
+    from .reports import print_derivatives, print_dimensions
+
+    console = terminal()
+    compiled = compile_problem(load_problem(file), checks=False)
+    failures = 0
+    try:
+        check_guess(compiled)
+    except PiaffeError as error:
+        failures += 1
+        console.print(f"[bold red]error:[/] {plain(str(error))}", soft_wrap=True)
+    findings = check_derivatives(compiled, points=points, seed=seed)
+    failures += sum(not finding.agrees for finding in findings)
+    print_derivatives(console, findings)
+    console.print()
+    print_dimensions(console, *report(compiled))
+    for warning in find_warnings(compiled):
+        console.print(
+            f"[bold yellow]warning:[/] {plain(warning.where)}: {plain(warning.text)}", highlight=False, soft_wrap=True
+        )
+    agreed = sum(finding.agrees for finding in findings)
+    colour = "red" if failures else "green"
+    console.print(f"[bold {colour}]{agreed} of {len(findings)} blocks of derivatives agree[/]")
+    raise typer.Exit(FAILED if failures else 0)
