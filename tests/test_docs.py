@@ -10,7 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from piaffe import ocp
+from piaffe import models, ocp
+from piaffe.models import robots
+from piaffe.models.robots import known
+from tests.api_names import FACES, INTERNAL
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*CHECKOUT.glob("*.md"), *(CHECKOUT / "docs").rglob("*.md"), *(CHECKOUT / "examples").glob("*.md")])
@@ -54,6 +57,51 @@ def test_declaration_in_page_compiles(page: str, landmark: str, tmp_path: Path) 
     assert ocp.compile_problem(runpy.run_path(str(file))["problem"]).phases
 
 
+def blocks_of(page: str) -> dict[str, str]:
+    """Return the Python blocks of a page by the heading that each stands under; there is one under each."""
+    found: dict[str, str] = {}
+    parts = re.split(r"^## (.+)$", (CHECKOUT / "docs" / page).read_text(), flags=re.MULTILINE)
+    for heading, text in zip(parts[1::2], parts[2::2], strict=True):
+        (found[heading],) = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return found
+
+
+EXTENSIONS = blocks_of("extending.md")
+
+
+@pytest.mark.parametrize("heading", EXTENSIONS)
+def test_example_of_an_extension_runs(heading: str, tmp_path: Path) -> None:
+    file = tmp_path / "extension.py"
+    file.write_text(EXTENSIONS[heading])
+    assert runpy.run_path(str(file))
+
+
+def test_robot_of_the_extensions_is_loaded_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_dog.py").write_text(EXTENSIONS["A robot"])
+    monkeypatch.setattr(robots, "__path__", [*robots.__path__, str(tmp_path)])
+    known._robots.cache_clear()
+    try:
+        assert models.load("my_dog").foot_radius == 0.02
+        assert [str(finding) for finding in models.diagnose("my_dog") if finding.severity == "error"] == []
+    finally:
+        known._robots.cache_clear()
+        sys.modules.pop(f"{robots.__name__}.my_dog")
+        del robots.my_dog  # type: ignore[attr-defined]  # an import leaves it there
+
+
+def test_gait_of_ones_own_in_authoring_is_a_gait() -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```$", (CHECKOUT / "docs" / "authoring.md").read_text(), re.M | re.S)
+    (block,) = (block for block in blocks if "gaits.gait(" in block)
+    names: dict[str, object] = {"models": models}
+    exec(block, names)
+    (amble,) = (value for value in names.values() if isinstance(value, ocp.Motion))
+    body = models.SingleRigidBody(models.load("solo12"))
+    problem = ocp.Problem(
+        amble.cycles(1), body.until_end(dt=0.05), ocp.Objective(ocp.regularize("feet.force", 1.0)), initial=body.state()
+    )
+    assert ocp.compile_problem(problem).phases
+
+
 def test_readme_shows_the_example_that_runs() -> None:
     (block,) = re.findall(r"^```python\n(.*?)^```$", (CHECKOUT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
     assert block == (CHECKOUT / "examples" / "barrel_roll.py").read_text()
@@ -64,14 +112,21 @@ def test_gallery_shows_every_example() -> None:
     assert examples == set(re.findall(r"^## (\S+)$", (CHECKOUT / "examples" / "README.md").read_text(), re.MULTILINE))
 
 
-@pytest.mark.parametrize("package", ["ocp", "models", "solvers"])
-def test_every_public_name_is_on_the_api_page(package: str) -> None:
-    front_page = ast.parse((CHECKOUT / package / "__init__.py").read_text())
-    imports = (node for node in front_page.body if isinstance(node, ast.ImportFrom))
-    public = {alias.asname for node in imports for alias in node.names if alias.asname}
+def public_names(face: Path) -> set[str]:
+    """Return what a package's front page imports for others, type checkers' imports included."""
+    imports = (node for node in ast.walk(ast.parse(face.read_text())) if isinstance(node, ast.ImportFrom))
+    return {alias.asname for node in imports for alias in node.names if alias.asname and alias.asname[0] != "_"}
+
+
+@pytest.mark.parametrize("package", FACES)
+def test_every_public_name_is_on_the_api_page_or_internal_for_a_reason(package: str) -> None:
+    public = public_names(CHECKOUT / FACES[package] / "__init__.py")
     page = (CHECKOUT / "docs" / "api" / f"{package}.md").read_text()
     shown = {part for path in SHOWN.findall(page) for part in path.split(".")}
-    assert public - shown == set()
+    assert public - shown - set(INTERNAL[package]) == set()
+    assert set(INTERNAL[package]) - public == set(), "listed as internal, but gone"
+    assert set(INTERNAL[package]) & shown == set(), "internal, and shown"
+    assert all(len(reason) > 10 for reason in INTERNAL[package].values())
 
 
 def test_every_decision_is_listed() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import casadi as cs
 import numpy as np
@@ -94,12 +95,21 @@ class Quantities:
             self._made[path] = self._makers[path]()
         return self._made[path]
 
+    def extended(self, *bounds: Bound) -> Quantities:
+        """Return these quantities and others; one of a path that exists takes its place."""
+        more = {bound.quantity.path: partial(_same, bound) for bound in bounds}
+        return Quantities(self.where, {**self._makers, **more}, self._absent)
+
     def unknown(self, path: str) -> UnknownNameError:
         """Return the error that says that a path cannot be bound, and why if the model knows."""
         error = UnknownNameError(f"model '{self.where}'", "quantity", path, self._makers)
         if path in self._absent:
             error.hint = f" ({self._absent[path]})"
         return error
+
+
+def _same(bound: Bound) -> Bound:
+    return bound
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import casadi as cs
 import pytest
 
 from piaffe.errors import UnknownNameError
+from piaffe.ocp.language.model import Quantities
 from piaffe.ocp.language.quantity import Bound, Quantity, group, match_labels
 
 BASE = group("base", position=("m", "point"), orientation=("rad", "rotation"), angular_velocity="rad/s")
@@ -57,3 +58,16 @@ def test_bound_quantity_counts_components_of_a_difference():
     assert bound.indices("y") == [1]
     with pytest.raises(UnknownNameError, match="quantity 'base.orientation': no component 'w'"):
         bound.indices("w")
+
+
+def test_quantities_are_extended_by_others_and_stay_as_they_were():
+    def bound(path, value):
+        return Bound(Quantity(path), cs.SX(value), ("",))
+
+    first = Quantities("ball", {"z": lambda: bound("z", 1), "vz": lambda: bound("vz", 2)}, {"force": "it is unknown"})
+    more = first.extended(bound("energy", 3), bound("vz", 4))
+    assert more.paths == ("z", "vz", "energy")
+    assert [float(more.bind(path).value) for path in more.paths] == [1, 4, 3]
+    assert first.paths == ("z", "vz")
+    assert float(first.bind("vz").value) == 2
+    assert more.unknown("force").hint == " (it is unknown)"

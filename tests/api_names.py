@@ -1,0 +1,80 @@
+"""Public names that are on no API page, by package, and why: Piaffe's other packages need them, users do not."""
+
+FACES = {
+    "ocp": "ocp",
+    "models": "models",
+    "solvers": "solvers",
+    "simulation": "src/piaffe/simulation",
+    "sampling": "sampling",
+    "viz": "src/piaffe/viz",
+    "codegen": "src/piaffe/codegen",
+}
+"""Package → folder of its front page, from the checkout's root."""
+
+_TYPE = "a type of arguments; signatures show what it stands for"
+_CHECK = "checks what a user gave, and says so in an error"
+_COMMAND = "a step of a command, which calls it"
+
+INTERNAL: dict[str, dict[str, str]] = {
+    "ocp": {
+        "Kind": _TYPE,
+        "PlanarFrame": _TYPE,
+        "Sample": _TYPE,
+        "When": _TYPE,
+        "call": "runs a user's function, and names it in errors",
+        "candidates": "finds problems in a file, for the error that lists them",
+        "check_numbers": _CHECK,
+        "check_value": _CHECK,
+        "column": "turns what a user's function returned into one column",
+        "does_not_run": "the error of a file that does not run",
+        "find_number": "CompiledProblem.with_numbers calls it",
+        "find_parameter": "finds the parameter of a CasADi symbol, for solvers",
+        "initial_state": _CHECK,
+        "instance": "CompiledProblem.with_numbers calls it",
+        "model_of": "the model of a segment, for those who walk a schedule",
+        "named_numbers": "CompiledProblem.numbers is the way to them",
+        "numbers_of": _CHECK,
+        "owner_of": "names the term of a row, for errors of solvers",
+        "run": "runs a problem's file; load_problem is the way to a problem",
+        "split": "splits FILE[:name]; load_problem is the way to a problem",
+        "whole_steps": _CHECK,
+    },
+    "models": {
+        "import_mujoco": "imports MuJoCo when it is needed",
+        "recursions": "a module; its class Recursion is shown",
+        "tree": "a module; its classes are shown",
+    },
+    "solvers": {},
+    "simulation": {
+        "MAX_SPEED": "the speed at which a simulation has diverged, for engines",
+        "Progress": _TYPE,
+    },
+    "sampling": {
+        "Episode": "of piaffe.simulation, where it is shown",
+        "Spread": "of piaffe.simulation, where it is shown",
+        "TITLES": "what tables and figures call the controllers",
+        "listed": _COMMAND,
+        "require_executor": _CHECK,
+        "require_pyarrow": _CHECK,
+        "run_episode": "of piaffe.simulation, where it is shown",
+        "text_of": "how a figure writes a setting",
+        "try_controllers": _COMMAND,
+        "varied": "which settings a figure's legend names",
+    },
+    "viz": {
+        "is_sheet": _CHECK,
+        "picture_size": _CHECK,
+        "require_picture": _CHECK,
+    },
+    "codegen": {
+        "Origin": "what a part of a source belongs to, for messages of the cache",
+        "SOLVER_FLAGS": "compiler flags of the solver",
+        "Worker": "a thread that engines and evaluators share work with",
+        "c_library": "a small library that a module of Piaffe compiles for itself",
+        "fault_of": "why a cached library is not used here, for `piaffe cache`",
+        "pointer": "the address of an array, for calls of C",
+        "side_by_side": "runs parts of a small library on threads",
+        "simd": "the module of the generator; generate is shown",
+        "this_cpu": "the processor that a library is compiled for",
+    },
+}
