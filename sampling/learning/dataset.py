@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError, SamplingError
-from piaffe.files import write_whole
+from piaffe.files import read_arrays, write_arrays, write_whole
 
 from ..controllers import ConstraintDiscount
 from ..options import Options
@@ -139,9 +138,7 @@ class Dataset:
 
     def write(self, shard: int, records: Records) -> None:
         """Write a shard."""
-        buffer = BytesIO()
-        np.savez_compressed(buffer, **vars(records))
-        write_whole(self.file(shard), buffer.getvalue())
+        write_arrays(self.file(shard), vars(records))
 
     def load(self) -> Records:
         """Return the records of all shards, in their order; episodes are numbered anew.
@@ -166,9 +163,9 @@ class Dataset:
 
     def _read(self, shard: int) -> dict[str, NDArray[Any]]:
         try:
-            with np.load(self.file(shard), allow_pickle=False) as archive:
-                return {name: archive[name] for name in Records.__dataclass_fields__}
-        except (ValueError, OSError, KeyError, EOFError) as error:
+            arrays = read_arrays(self.file(shard).read_bytes())
+            return {name: arrays[name] for name in Records.__dataclass_fields__}
+        except Exception as error:  # damaged bytes raise whatever zipfile, zlib and NumPy raise for them
             raise FileFormatError(
                 f"dataset, '{self.file(shard)}': cannot be read - got {error}, expected a shard; delete it and collect "
                 "it again"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -13,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from piaffe.errors import FileFormatError
-from piaffe.files import write_whole
+from piaffe.files import Fault, read_archive, write_arrays
 from piaffe.simulation import Episode
 
 FORMAT = "piaffe episodes 1"
@@ -39,9 +37,7 @@ def save_episodes(path: str | Path, episodes: Mapping[str, Episode], about: Mapp
         for name, episode in episodes.items()
         for key in _ARRAYS
     }
-    content = io.BytesIO()
-    np.savez_compressed(content, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
-    write_whole(path, content.getvalue())
+    write_arrays(path, {"header": np.array(json.dumps(header)), **arrays})
     return path
 
 
@@ -51,18 +47,24 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]
     Raises:
         FileFormatError: the file is foreign, truncated or of a newer version.
     """
+
+    def refuse(fault: Fault) -> FileFormatError:
+        return _refusal(path, fault.got)
+
+    header, arrays = read_archive(Path(path).read_bytes(), FORMAT, None, refuse)
     try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as content:
-            header = json.loads(str(content["header"]))
-            if header["format"] != FORMAT:
-                raise ValueError(header["format"])
-            episodes = {name: _episode(content, name, rest) for name, rest in header["episodes"].items()}
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise FileFormatError(
-            f"file '{path}': holds no episodes that can be read - got {type(error).__name__}: {error}, expected "
-            f"'{FORMAT}'; make it anew with `piaffe mppi --save` or `piaffe study`"
-        ) from error
-    return episodes, header["about"]
+        return {name: _episode(arrays, name, rest) for name, rest in header["episodes"].items()}, header["about"]
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise _refusal(path, error) from error
+
+
+def _refusal(path: str | Path, got: object) -> FileFormatError:
+    """Return the error of a file that holds no episodes, or damaged ones."""
+    found = f"{type(got).__name__}: {got}" if isinstance(got, Exception) else got
+    return FileFormatError(
+        f"file '{path}': holds no episodes that can be read - got {found}, expected '{FORMAT}'; make it anew with "
+        "`piaffe mppi --save` or `piaffe study`"
+    )
 
 
 def _episode(content: Mapping[str, Any], name: str, rest: Mapping[str, Any]) -> Episode:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from piaffe.errors import SamplingError
+from piaffe.files import whole_file
 from piaffe.simulation import Episode
 
 from .records import load_episodes, save_episodes
@@ -199,11 +200,9 @@ def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> Path:
         name: pyarrow.array(column, None if any(value is not None for value in column) else text)
         for name, column in columns.items()
     })  # fmt: skip
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}")
-    parquet.write_table(table, temporary)
-    return temporary.replace(path)
+    with whole_file(Path(path)) as temporary:
+        parquet.write_table(table, temporary)
+    return Path(path)
 
 
 def require_pyarrow() -> tuple[Any, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
-from piaffe.files import write_whole
+from piaffe.files import Fault, read_archive, write_whole
 from piaffe.ocp import Nodes
 
 from ..options import Options
@@ -222,30 +222,26 @@ def digest(path: str | os.PathLike[str]) -> str:
 
 
 def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:
+    def refuse(fault: Fault) -> FileFormatError:
+        if fault.kind in ("damaged", "headless"):
+            return FileFormatError(
+                f"value '{file}': cannot be read - got {fault.got}, expected a file written by Value.save; copy or "
+                "learn it again"
+            )
+        return FileFormatError(
+            f"value '{file}': is of another kind - got format {fault.format!r}, version {fault.version}, expected "
+            f"'{FORMAT}' up to version {VERSION}; update Piaffe or learn it again"
+        )
+
     try:
-        with zipfile.ZipFile(file) as archive:
-            header = json.loads(archive.read("manifest.json"))
-            arrays = {
-                name.removesuffix(".npy").replace(".", "/"): np.load(BytesIO(archive.read(name)), allow_pickle=False)
-                for name in archive.namelist()
-                if name.endswith(".npy")
-            }
+        content = file.read_bytes()
     except OSError as error:
         raise FileFormatError(
             f"value '{file}': cannot be read - got {error.strerror or error}, expected the path of a value; correct "
             "it, or learn one by piaffe.sampling.train_value"
         ) from error
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
-        raise FileFormatError(
-            f"value '{file}': cannot be read - got {error}, expected a file written by Value.save; copy or learn it "
-            "again"
-        ) from error
-    if header.get("format") != FORMAT or header.get("version", 0) > VERSION:
-        raise FileFormatError(
-            f"value '{file}': is of another kind - got format {header.get('format')!r}, version "
-            f"{header.get('version')}, expected '{FORMAT}' up to version {VERSION}; update Piaffe or learn it again"
-        )
-    return header, arrays
+    header, arrays = read_archive(content, FORMAT, VERSION, refuse, header="manifest.json")
+    return header, {name.replace(".", "/"): values for name, values in arrays.items()}
 
 
 def _entry(name: str) -> zipfile.ZipInfo:

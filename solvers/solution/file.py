@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError
-from piaffe.files import write_whole
+from piaffe.files import Fault, read_archive, write_arrays
 from piaffe.ocp import Block, Manifold, PhaseTrajectory, Quantity, Trajectory
 
 from .parts import PhaseSolution, Violation
@@ -23,6 +22,7 @@ from .status import Status
 
 FORMAT = "piaffe-solution"
 VERSION = 1
+_AGAIN = "save it again"
 
 Array = NDArray[np.float64]
 _ARRAYS = ("feedforward", "feedback", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu", "defects", "target_states")
@@ -78,9 +78,7 @@ def write(solution: Mapping[str, Any], path: Path) -> Path:
     }  # fmt: skip
     arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
     path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
-    content = io.BytesIO()
-    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]  # numpy's stub for keyword arrays
-    write_whole(path, content.getvalue())
+    write_arrays(path, arrays)
     return path
 
 
@@ -94,44 +92,34 @@ def read(path: Path) -> dict[str, Any]:
     Raises:
         FileFormatError: the file is missing, truncated, foreign, or written by a newer version.
     """
-    again, other = "save it again", "pass a file saved by Piaffe"
     if not path.is_file():
         raise _error(path, "not there", "no file", "a saved solution", "check the path")
+
+    def refuse(fault: Fault) -> FileFormatError:
+        return _refusal(path, fault)
+
     try:
-        data = _arrays(path)
-    except Exception as error:  # damaged bytes raise whatever zipfile, zlib and NumPy raise for them
-        raise _error(path, "truncated or not an archive", error, "a .npz saved by Piaffe", again) from error
-    try:
-        header = json.loads(bytes(data["header"]))
-    except (KeyError, ValueError) as error:
-        wanted = f"one of format '{FORMAT}'"
-        raise _error(path, "foreign archive", "no readable header", wanted, other) from error
-    name = header.get("format") if isinstance(header, dict) else header
-    if name != FORMAT or not isinstance(header, dict):
-        raise _error(path, "foreign archive", f"format {name!r}", f"'{FORMAT}'", other)
-    version = header.get("version")
-    if not isinstance(version, int):
-        raise _error(path, "foreign archive", f"version {version!r}", "a whole number", other)
-    if version > VERSION:
-        raise _error(path, "written by a newer Piaffe", f"version {version}", f"at most {VERSION}", "upgrade Piaffe")
+        content = path.read_bytes()
+    except OSError as error:
+        raise refuse(Fault("damaged", error)) from error
+    header, data = read_archive(content, FORMAT, VERSION, refuse)
     try:
         return _assemble(header, data)
     except KeyError as error:
-        raise _error(path, "incomplete", f"no {error}", "every array of the header", again) from error
+        raise _error(path, "incomplete", f"no {error}", "every array of the header", _AGAIN) from error
     except (IndexError, TypeError, ValueError, AttributeError) as error:
-        raise _error(path, "inconsistent", error, f"what version {VERSION} describes", again) from error
+        raise _error(path, "inconsistent", error, f"what version {VERSION} describes", _AGAIN) from error
 
 
-def _arrays(path: Path) -> dict[str, Array]:
-    """Return the arrays of an archive; the file is read whole, so that none stays open when it is damaged."""
-    content = path.read_bytes()
-    if not content.startswith((b"PK", b"\x93NUMPY")):
-        raise ValueError("no archive" if content else "an empty file")
-    stored = np.load(io.BytesIO(content), allow_pickle=False)
-    if not isinstance(stored, np.lib.npyio.NpzFile):
-        raise ValueError("a single array")
-    with stored:
-        return {name: stored[name] for name in stored.files}
+def _refusal(path: Path, fault: Fault) -> FileFormatError:
+    """Return the error of a file that is no solution, or a damaged one."""
+    if fault.kind == "damaged":
+        return _error(path, "truncated or not an archive", fault.got, "a .npz saved by Piaffe", _AGAIN)
+    if fault.kind == "newer":
+        return _error(path, "written by a newer Piaffe", fault.got, f"at most {VERSION}", "upgrade Piaffe")
+    got = "no readable header" if fault.kind == "headless" else fault.got
+    wanted = {"headless": f"one of format '{FORMAT}'", "foreign": f"'{FORMAT}'", "unversioned": "a whole number"}
+    return _error(path, "foreign archive", got, wanted[fault.kind], "pass a file saved by Piaffe")
 
 
 def _record(values: dict[str, Any]) -> Record:

@@ -124,9 +124,10 @@ def test_data_of_something_else_are_refused(tmp_path: Path) -> None:
         Dataset(tmp_path, {"of": {"reward": 2.0}}, 2)
 
 
-def test_damaged_shard_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize("content", [b"", b"nothing", b"PK\x03\x04 half a shard"])
+def test_damaged_shard_is_named(tmp_path: Path, content: bytes) -> None:
     dataset = Dataset(tmp_path, {}, 1)
-    dataset.file(0).write_bytes(b"nothing")
+    dataset.file(0).write_bytes(content)
     with pytest.raises(FileFormatError, match=r"shard-00000\.npz': cannot be read"):
         dataset.load()
 

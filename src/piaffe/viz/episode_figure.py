@@ -15,7 +15,7 @@ from piaffe.ocp import rotation
 from piaffe.sampling import TITLES, Trial
 from piaffe.simulation import Episode
 
-from .figure import require_picture
+from .figure import require_picture, save_figure
 from .style import BOUND, LEGS, NEUTRAL, RC, colours
 
 if TYPE_CHECKING:
@@ -47,9 +47,7 @@ def plot_episodes(path: Path, trial: Trial, episodes: Mapping[int, Episode]) -> 
             f"   ·   success in {won} of {len(episodes)}",
             x=0.012, ha="left", fontsize=11,
         )  # fmt: skip
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=150)
-    return path
+        return save_figure(figure, path)
 
 
 def _motion(axes: Any, trial: Trial, episode: Episode) -> None:

@@ -16,6 +16,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError
+from piaffe.files import whole_file
 
 from .curves import Panel, feet_of, forces, panels, stance_feet
 from .diagrams import cone, cone_use, cost, defects, draw_panel, normal_forces, over_time, shade, terms, violations
@@ -44,8 +45,13 @@ def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> 
     require_picture(path)
     with rc_context(RC):
         figure = draw(solution, title)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=dpi)
+        return save_figure(figure, path, dpi)
+
+
+def save_figure(figure: Figure, path: Path, dpi: int = 150) -> Path:
+    """Write a figure into a file, which appears whole or not at all; return its path."""
+    with rc_context(RC), whole_file(path) as temporary:
+        figure.savefig(temporary, dpi=dpi)
     return path
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from piaffe.errors import PiaffeError
+from piaffe.files import whole_file
 
 from .caption import Caption
 from .playback import Snapshot
@@ -64,17 +63,9 @@ def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], 
         feet: names of the feet, for the caption.
         fps: pictures per second.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=".mp4")
-    os.close(handle)
     caption = Caption(studio.size, feet)
-    try:
-        with studio:
-            encode(Path(temporary), _pictures(studio, cuts, caption, fps), studio.size, fps)
-        Path(temporary).replace(path)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
-    path.chmod(0o644)
+    with whole_file(path) as temporary, studio:
+        encode(temporary, _pictures(studio, cuts, caption, fps), studio.size, fps)
     return path
 
 
@@ -100,8 +91,8 @@ def sheet(path: Path, studio: Studio, cut: Cut, feet: Sequence[str], *, columns:
     whole = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), "white")
     for i, picture in enumerate(pictures):
         whole.paste(Image.fromarray(picture), ((width + _GAP) * (i % columns), (height + _GAP) * (i // columns)))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    whole.save(path)
+    with whole_file(path) as temporary:
+        whole.save(temporary)
     return path
 
 

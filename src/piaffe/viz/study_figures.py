@@ -15,6 +15,7 @@ from piaffe.models import joints
 from piaffe.sampling import Case, Study, StudyFile, cells, text_of, varied
 from piaffe.simulation import Episode
 
+from .figure import save_figure
 from .style import BOUND, RC, colours
 
 if TYPE_CHECKING:
@@ -44,11 +45,11 @@ def draw_study(folder: Path, study: Study, file: StudyFile, rows: Sequence[Row])
         lines = {axis: curves(here, axis) for axis in SWEPT}
         if any(lines.values()):
             name = "sweep" if len(terrains) == 1 else f"sweep-{terrain}"
-            saved.append(_save(folder / f"{name}.png", _sweep(lines, str(terrain) if len(terrains) > 1 else "")))
+            saved.append(save_figure(_sweep(lines, str(terrain) if len(terrains) > 1 else ""), folder / f"{name}.png"))
     if file.series:
         shown = _examples(study)
         if shown:
-            saved.append(_save(folder / "series.png", _series(study, file, shown)))
+            saved.append(save_figure(_series(study, file, shown), folder / "series.png"))
     return saved
 
 
@@ -165,10 +166,3 @@ def _quantity(model: Any, episode: Episode, name: str) -> dict[str, Any]:
         for joint, i in zip(model.robot.joint_names, where, strict=True)
         if name.lower() in joint.lower()
     }
-
-
-def _save(path: Path, figure: Figure) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with rc_context(RC):
-        figure.savefig(path, dpi=150)
-    return path
