@@ -22,6 +22,7 @@ from .compiler import named_numbers as named_numbers
 from .compiler import owner_of as owner_of
 from .compiler import require_derivatives as require_derivatives
 from .compiler import whole_steps as whole_steps
+from .language import SAME_TIME as SAME_TIME
 from .language import Block as Block
 from .language import Bound as Bound
 from .language import BoundReference as BoundReference
@@ -71,6 +72,7 @@ from .language import equality as equality
 from .language import find_parameter as find_parameter
 from .language import group as group
 from .language import inequality as inequality
+from .language import is_same_time as is_same_time
 from .language import load_problem as load_problem
 from .language import match_labels as match_labels
 from .language import model_of as model_of

@@ -154,7 +154,7 @@ class Compilation:
         mode_now, mode = self.resolve(model, span.interval.phase), self.mode(span)
         n = span.num_stages
         times: Array = span.start + segment.dt * np.arange(n + 1.0)
-        placed = self.path.intervals(span.end + 1e-6)
+        placed = self.path.intervals(span.end)
         check_passed(span, placed)
         inside = [span.interval_at(t, placed) for t in times[:-1]]
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else span.interval)

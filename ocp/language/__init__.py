@@ -58,6 +58,8 @@ from .term import residual as residual
 from .term import track as track
 from .termset import Constraints as Constraints
 from .termset import Objective as Objective
+from .time import SAME_TIME as SAME_TIME
+from .time import is_same_time as is_same_time
 from .trajectory import SCHEDULED as SCHEDULED
 from .trajectory import PhaseTrajectory as PhaseTrajectory
 from .trajectory import Trajectory as Trajectory

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
 from piaffe.models import robot_from_recipe
-from piaffe.ocp import PhaseTrajectory, Trajectory
+from piaffe.ocp import SAME_TIME, PhaseTrajectory, Trajectory
 
 from .curves import feet_of
 
@@ -92,7 +92,7 @@ class Playback:
     def phase_index(self, t: float) -> int:
         """Return the phase at time t; the later one on a boundary."""
         parts = self.trajectory.phases
-        return max((i for i, part in enumerate(parts) if part.times[0] <= t + 1e-9), default=0)
+        return max((i for i, part in enumerate(parts) if part.times[0] <= t + SAME_TIME), default=0)
 
     @staticmethod
     def interpolate(part: PhaseTrajectory, states: Array, t: float) -> Array:
@@ -124,5 +124,5 @@ def caption(part: PhaseTrajectory) -> str:
 
 def node_before(part: PhaseTrajectory, t: float) -> tuple[int, float]:
     """Return the stage that contains time t, and the share of it that has passed; clamped to the phase."""
-    k = int(np.clip(np.searchsorted(part.times, t + 1e-9, side="right") - 1, 0, len(part.times) - 2))
+    k = int(np.clip(np.searchsorted(part.times, t + SAME_TIME, side="right") - 1, 0, len(part.times) - 2))
     return k, float(np.clip((t - part.times[k]) / (part.times[k + 1] - part.times[k]), 0.0, 1.0))
