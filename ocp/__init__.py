@@ -89,10 +89,10 @@ from .language import track as track
 from .reports import BOUNDS as BOUNDS
 from .reports import ConstraintReport as ConstraintReport
 from .reports import CostReport as CostReport
-from .reports import Finding as Finding
+from .reports import DerivativeCheck as DerivativeCheck
 from .reports import Kind as Kind
-from .reports import Miss as Miss
 from .reports import Verification as Verification
+from .reports import Violation as Violation
 from .reports import check_derivatives as check_derivatives
 from .reports import describe as describe
 from .reports import find_warnings as find_warnings
@@ -103,5 +103,11 @@ from .reports import verify as verify
 
 __getattr__ = _renamed(
     __name__,
-    {"Batch": "piaffe.ocp.Vectorised", "notices": "piaffe.ocp.find_warnings", "Notice": "piaffe.ocp.ProblemWarning"},
+    {
+        "Batch": "piaffe.ocp.Vectorised",
+        "Finding": "piaffe.ocp.DerivativeCheck",
+        "Miss": "piaffe.ocp.Violation",
+        "Notice": "piaffe.ocp.ProblemWarning",
+        "notices": "piaffe.ocp.find_warnings",
+    },
 )

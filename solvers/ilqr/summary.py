@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import CompiledPhase, CompiledProblem, Constraint, PhaseTrajectory, Trajectory
+from piaffe.ocp import CompiledPhase, CompiledProblem, Constraint, Kind, PhaseTrajectory, Trajectory, Violation
 
-from ..solution import Violation
 from . import barrier
 from .iterate import Iterate, PhaseDual, PhaseValues, ProblemFunctions
 
@@ -45,7 +44,7 @@ def violations(
     for phase, value, dual in zip(problem.phases, values, duals, strict=True):
         stage_lambda, end_lambda = inequality_multipliers(value, dual, weight)
         n = phase.num_stages
-        tables = (
+        tables: tuple[tuple[str, Kind, Array, Array, int], ...] = (
             ("stage_g", "inequality", np.maximum(-value.g, 0) * phase.g_mask, stage_lambda, 0),
             ("stage_h", "equality", np.abs(value.h) * phase.h_mask, dual.multiplier, 0),
             ("terminal_g", "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_lambda[None], n),
