@@ -6,19 +6,15 @@ from .compiler import CompiledPhase as CompiledPhase
 from .compiler import CompiledProblem as CompiledProblem
 from .compiler import LoweredMode as LoweredMode
 from .compiler import LoweredTransition as LoweredTransition
-from .compiler import NamedNumber as NamedNumber
 from .compiler import NodeNumbers as NodeNumbers
 from .compiler import Nodes as Nodes
+from .compiler import Parameters as Parameters
 from .compiler import Row as Row
 from .compiler import Vectorised as Vectorised
 from .compiler import check_guess as check_guess
 from .compiler import check_numbers as check_numbers
-from .compiler import check_value as check_value
 from .compiler import compile_problem as compile_problem
-from .compiler import find_number as find_number
-from .compiler import initial_state as initial_state
 from .compiler import instance as instance
-from .compiler import named_numbers as named_numbers
 from .compiler import owner_of as owner_of
 from .compiler import require_derivatives as require_derivatives
 from .compiler import whole_steps as whole_steps
@@ -43,6 +39,7 @@ from .language import Node as Node
 from .language import NodeView as NodeView
 from .language import Objective as Objective
 from .language import Parameter as Parameter
+from .language import ParameterKey as ParameterKey
 from .language import Path as Path
 from .language import Phase as Phase
 from .language import PhaseTrajectory as PhaseTrajectory
@@ -72,6 +69,7 @@ from .language import equality as equality
 from .language import find_parameter as find_parameter
 from .language import group as group
 from .language import inequality as inequality
+from .language import initial_state as initial_state
 from .language import is_same_time as is_same_time
 from .language import load_problem as load_problem
 from .language import match_labels as match_labels
@@ -107,7 +105,11 @@ __getattr__ = _renamed(
         "Batch": "piaffe.ocp.Vectorised",
         "Finding": "piaffe.ocp.DerivativeCheck",
         "Miss": "piaffe.ocp.Violation",
+        "NamedNumber": "piaffe.ocp.Parameters",
         "Notice": "piaffe.ocp.ProblemWarning",
+        "check_value": "piaffe.ocp.Parameters.check",
+        "find_number": "piaffe.ocp.Parameters.key",
+        "named_numbers": "piaffe.ocp.CompiledProblem.parameters",
         "notices": "piaffe.ocp.find_warnings",
     },
 )

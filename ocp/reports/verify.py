@@ -166,8 +166,7 @@ def quantity_function(mode: LoweredMode, quantity: Quantity) -> cs.Function | No
         for name, size in (("x", model.state.nx), ("u", model.control.nx), ("z", model.implicit_size(mode.key)))
     )
     p = cs.SX.sym("p", mode.layout.size)
-    named = {name.removeprefix("model."): part for name, part in mode.layout.split(p).items()}
-    dynamics = model.dynamics(mode.key, x, u, z, named)
+    dynamics = model.dynamics(mode.key, x, u, z, mode.layout.of_model(p))
     if quantity not in dynamics.quantities:
         return None
     value = dynamics.quantities.bind(quantity).value

@@ -205,7 +205,7 @@ def cascade():
 
 
 def slot(phase, name, p):
-    return p[..., phase.mode.layout.slices[f"model.{name}"]]
+    return p[..., phase.mode.layout.slots[name]]
 
 
 def test_a_rigid_body_takes_each_node_s_own_contacts(cascade):
@@ -228,7 +228,7 @@ def test_a_touchdown_at_the_junction_belongs_to_the_model_before_it(cascade):
     assert left.end_h_mask.tolist() == [0, 1, 1, 0]
     assert left.resets
     assert left.transition.target is tail.mode.model
-    impact = left.p_transition[left.transition.layout.slices["model.landing"]]
+    impact = left.p_transition[left.transition.layout.slots["landing"]]
     assert impact.tolist() == [0, 1, 1, 0]
 
 
