@@ -134,9 +134,8 @@ class Numbers:
         term = self.terms[k]
         assert isinstance(term, Cost)  # constraints have none
         key = ParameterKey("weight", term=k)
-        if key in self.replaced and term.counts_in(phase):
-            return self._value(key, np.ones(len(labels)))
-        return term.weights(phase, labels)
+        replaced = key in self.replaced and term.counts_in(phase)
+        return self._given(key, len(labels)) if replaced else term.weights(phase, labels)
 
     def _shared(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
         if (mode, phase, here) not in self._phases:
@@ -145,11 +144,13 @@ class Numbers:
 
     def _value(self, key: ParameterKey, declared: Array) -> Array:
         """Return the value of a parameter: the one that replaces it, or the declared one."""
-        if key not in self.replaced:
-            return declared
+        return self._given(key, declared.size) if key in self.replaced else declared
+
+    def _given(self, key: ParameterKey, size: int) -> Array:
+        """Return the value that replaces a parameter, (size,)."""
         self.used.add(key)
         name, value = self.replaced[key]
-        return check_value(name, key, value, self.where, declared.size)
+        return check_value(name, key, value, self.where, size)
 
     # ---- models' slots and the user's parameters
 
@@ -157,7 +158,7 @@ class Numbers:
         """Write the values of a model's slots that do not depend on the node."""
         for slot in model.slots:
             key = ParameterKey("slot", slot.name, model=model.name)
-            p[layout.slices[key]] = self._value(key, np.broadcast_to(np.array(slot.default, dtype=float), (slot.size,)))
+            p[layout.slices[key]] = self._given(key, slot.size) if key in self.replaced else slot.default
 
     def _put_changing(self, p: Array, layout: Layout, model: ModelBase, node: Node) -> None:
         """Write the slots that the model itself sets for a node."""
