@@ -95,7 +95,7 @@ def hashing(threads: int) -> float:
 def batch_of(problem: ocp.CompiledProblem) -> dict[str, Any]:
     """Return the arguments of a batch with random payloads and frictions."""
     random = np.random.default_rng(0)
-    masses = np.tile(problem.numbers["mini_cheetah.link_mass"], (INSTANCES, 1))
+    masses = np.tile(problem.parameters["mini_cheetah.link_mass"], (INSTANCES, 1))
     masses[:, 0] += random.uniform(0.0, 3.0, INSTANCES)
     numbers = {"mini_cheetah.link_mass": masses, "friction cone.mu": random.uniform(0.5, 0.9, INSTANCES)}
     nominal = solvers.MSiLQR(problem).solve().raise_if_failed()

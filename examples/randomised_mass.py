@@ -36,7 +36,7 @@ def main(count: int = 100, seed: int = 0) -> float:
     nominal = solvers.MSiLQR(compiled).solve().raise_if_failed()
 
     random = np.random.default_rng(seed)
-    masses = np.tile(compiled.numbers["mini_cheetah.link_mass"], (count, 1))
+    masses = np.tile(compiled.parameters["mini_cheetah.link_mass"], (count, 1))
     masses[:, 0] += random.uniform(0.0, 3.0, count)  # a payload on the trunk [kg]
     starts = np.tile(problem.initial, (count, 1))
     starts[:, 2] += random.uniform(-0.005, 0.02, count)  # base above or below its nominal height [m]

@@ -6,22 +6,19 @@ from .compiler import CompiledPhase as CompiledPhase
 from .compiler import CompiledProblem as CompiledProblem
 from .compiler import LoweredMode as LoweredMode
 from .compiler import LoweredTransition as LoweredTransition
-from .compiler import NamedNumber as NamedNumber
 from .compiler import NodeNumbers as NodeNumbers
 from .compiler import Nodes as Nodes
+from .compiler import Parameters as Parameters
 from .compiler import Row as Row
 from .compiler import Vectorised as Vectorised
 from .compiler import check_guess as check_guess
 from .compiler import check_numbers as check_numbers
-from .compiler import check_value as check_value
 from .compiler import compile_problem as compile_problem
-from .compiler import find_number as find_number
-from .compiler import initial_state as initial_state
 from .compiler import instance as instance
-from .compiler import named_numbers as named_numbers
 from .compiler import owner_of as owner_of
 from .compiler import require_derivatives as require_derivatives
 from .compiler import whole_steps as whole_steps
+from .language import SAME_TIME as SAME_TIME
 from .language import Block as Block
 from .language import Bound as Bound
 from .language import BoundReference as BoundReference
@@ -42,6 +39,7 @@ from .language import Node as Node
 from .language import NodeView as NodeView
 from .language import Objective as Objective
 from .language import Parameter as Parameter
+from .language import ParameterKey as ParameterKey
 from .language import Path as Path
 from .language import Phase as Phase
 from .language import PhaseTrajectory as PhaseTrajectory
@@ -71,6 +69,8 @@ from .language import equality as equality
 from .language import find_parameter as find_parameter
 from .language import group as group
 from .language import inequality as inequality
+from .language import initial_state as initial_state
+from .language import is_same_time as is_same_time
 from .language import load_problem as load_problem
 from .language import match_labels as match_labels
 from .language import model_of as model_of
@@ -87,10 +87,10 @@ from .language import track as track
 from .reports import BOUNDS as BOUNDS
 from .reports import ConstraintReport as ConstraintReport
 from .reports import CostReport as CostReport
-from .reports import Finding as Finding
+from .reports import DerivativeCheck as DerivativeCheck
 from .reports import Kind as Kind
-from .reports import Miss as Miss
 from .reports import Verification as Verification
+from .reports import Violation as Violation
 from .reports import check_derivatives as check_derivatives
 from .reports import describe as describe
 from .reports import find_warnings as find_warnings
@@ -101,5 +101,15 @@ from .reports import verify as verify
 
 __getattr__ = _renamed(
     __name__,
-    {"Batch": "piaffe.ocp.Vectorised", "notices": "piaffe.ocp.find_warnings", "Notice": "piaffe.ocp.ProblemWarning"},
+    {
+        "Batch": "piaffe.ocp.Vectorised",
+        "Finding": "piaffe.ocp.DerivativeCheck",
+        "Miss": "piaffe.ocp.Violation",
+        "NamedNumber": "piaffe.ocp.Parameters",
+        "Notice": "piaffe.ocp.ProblemWarning",
+        "check_value": "piaffe.ocp.Parameters.check",
+        "find_number": "piaffe.ocp.Parameters.key",
+        "named_numbers": "piaffe.ocp.CompiledProblem.parameters",
+        "notices": "piaffe.ocp.find_warnings",
+    },
 )

@@ -1,6 +1,7 @@
 """Solvers: multi-phase multiple-shooting iLQR with augmented Lagrangian and relaxed barrier."""
 
 from piaffe.codegen import NoCompilerWarning as NoCompilerWarning
+from piaffe.ocp import Violation as Violation
 
 from .batch import BatchPhase as BatchPhase
 from .batch import BatchSolution as BatchSolution
@@ -12,4 +13,3 @@ from .solution import PhaseSolution as PhaseSolution
 from .solution import Record as Record
 from .solution import Solution as Solution
 from .solution import Status as Status
-from .solution import Violation as Violation

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.ocp import SAME_TIME
+
 Array = NDArray[np.float64]
 Foothold = Callable[[int, Array, Array], Array]
-
-_SNAP = 1e-9  # [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class Footsteps:
         other = Footsteps(self.schedule, self._start, self._ground, self._swing_height, foothold)
         other._keep = []
         for foot, (stances, holds) in enumerate(zip(self._stances, self._holds, strict=True)):
-            i = int(np.searchsorted(stances[:, 0], t + _SNAP, side="right")) - 1
+            i = int(np.searchsorted(stances[:, 0], t + SAME_TIME, side="right")) - 1
             now = holds[i].copy()
             if feet is not None and t <= stances[i, 1]:
                 now[:2] = feet[foot, :2]
@@ -130,7 +130,9 @@ class Footsteps:
             touchdown, liftoff = stances[1:].T
             length = np.where(np.isfinite(liftoff), liftoff - touchdown, 0.0)
             holds = np.full((len(stances), 3), self._ground)
-            holds[0] = start if np.isfinite(stances[0, 1]) and stances[0, 1] <= _SNAP else (*start[:2], self._ground)
+            holds[0] = (
+                start if np.isfinite(stances[0, 1]) and stances[0, 1] <= SAME_TIME else (*start[:2], self._ground)
+            )
             holds[1:, :2] = self._foothold(foot, touchdown, length)
             if self._keep:
                 holds[self._keep[foot][0]] = self._keep[foot][1]
@@ -139,7 +141,7 @@ class Footsteps:
 
     def _swing(self, stances: Array, holds: Array, t: Array) -> tuple[Array, Array]:
         """Return a foot's position and velocity, (S, 3) each: one cubic in the plane, two in height (up and down)."""
-        i = np.searchsorted(stances[:, 0], t + _SNAP, side="right") - 1
+        i = np.searchsorted(stances[:, 0], t + SAME_TIME, side="right") - 1
         j = np.minimum(i + 1, len(stances) - 1)
         lift, land = stances[i, 1], stances[j, 0]
         swings = (t > lift) & (j > i)

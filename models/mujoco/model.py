@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Dynamics, Manifold, Node, Quantities, Quantity, Sample, rotation
+from piaffe.ocp import Block, Dynamics, Manifold, Node, Quantities, Quantity, Sample, is_same_time, rotation
 
 from ..bindings import bind_motion, frame_points
 from ..kinematics import Kinematics
@@ -209,7 +209,7 @@ class Mujoco(LeggedModel):
             ModelError: the schedule's time step is not a whole multiple of ``timestep``.
         """
         steps = round(self.dt / timestep)
-        if steps < 1 or abs(steps * timestep - self.dt) > 1e-9:
+        if steps < 1 or not is_same_time(steps * timestep, self.dt):
             raise ModelError(
                 f"plant of '{self.name}': timestep does not divide the schedule's step - got {timestep:g} s, expected "
                 f"{self.dt:g} s divided by a whole number; choose one"

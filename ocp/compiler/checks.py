@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
 from ..language import ByPhase, Constraint, Cost, ModelBase, Motion, Quantity, Schedule, model_of, numbers_of
-from .compiled import CompiledPhase, CompiledProblem
+from .compiled import CompiledProblem
+from .compiled_phase import CompiledPhase
 from .mode import Row
 from .transition import LoweredTransition
 from .vectorised import Vectorised

@@ -24,6 +24,7 @@ from ..language import (
     Cost,
     ModelBase,
     Node,
+    ParameterKey,
     Path,
     Phase,
     PlacedPhase,
@@ -32,10 +33,13 @@ from ..language import (
     ResetMap,
     Sample,
     Segment,
+    find_key,
     model_of,
+    parameter_names,
 )
 from .checks import check_guess, check_last, check_models, check_names, check_targets
-from .compiled import CompiledPhase, CompiledProblem
+from .compiled import CompiledProblem
+from .compiled_phase import CompiledPhase
 from .finite import check_numbers
 from .lowering import LEFT_OUT, lower_mode
 from .mode import LoweredMode
@@ -131,14 +135,15 @@ class Compilation:
         check_models(problem.schedule)
         self.path: Path = problem.motion.bind(tuple(models), self.start)
         self.models = models
-        scoped: list[tuple[Term, Phase | None]] = [(t, None) for t in (*problem.objective, *problem.constraints)]
-        for phase in dict.fromkeys(phase for piece in problem.motion.pieces for phase in piece.phases):
-            own = (*phase.objective, *phase.constraints, *phase.until)
-            scoped += [(term, phase) for term in own]
+        scoped = problem.scoped_terms()
         self.terms = tuple(term for term, _ in scoped)
         self.scopes = tuple(scope for _, scope in scoped)
         self.unbound: dict[tuple[str, int], str] = {}
-        self.numbers = Numbers(problem, self.terms, self.scopes)
+        self.names: dict[str, ParameterKey] = parameter_names(self.terms, models) if problem.parameters else {}
+        replaced = {
+            find_key(self.names, name, problem.where): (name, value) for name, value in problem.parameters.items()
+        }
+        self.numbers = Numbers(self.terms, self.scopes, replaced, problem.where)
         self._lowered: dict[tuple[Segment, str], LoweredMode] = {}
         self._weights: dict[LoweredMode, tuple[Vectorised, Vectorised]] = {}
         self._modes: dict[tuple[ModelBase, int, int], tuple[Hashable, Hashable | None]] = {}
@@ -154,7 +159,7 @@ class Compilation:
         mode_now, mode = self.resolve(model, span.interval.phase), self.mode(span)
         n = span.num_stages
         times: Array = span.start + segment.dt * np.arange(n + 1.0)
-        placed = self.path.intervals(span.end + 1e-6)
+        placed = self.path.intervals(span.end)
         check_passed(span, placed)
         inside = [span.interval_at(t, placed) for t in times[:-1]]
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else span.interval)
@@ -168,12 +173,14 @@ class Compilation:
             self.node(span, t, interval, sample, is_end=k == n)
             for k, (t, interval, sample) in enumerate(zip(times, inside, samples, strict=True))
         ]
-        p = np.empty((n + 1, mode.layout.size))
+        p, applies = np.empty((n + 1, mode.layout.size)), np.empty((n + 1, len(self.terms)), dtype=bool)
         for interval, run in groupby(range(n), key=lambda k: inside[k]):
             first, *rest = run
             part = slice(first, first + 1 + len(rest))
             p[part] = self.numbers.of_nodes(mode, segment.dt, nodes[part], interval.phase, RUNNING)
+            applies[part] = self.numbers.counts(mode, interval.phase, RUNNING)
         p[n:] = self.numbers.of_nodes(mode, segment.dt, nodes[n:], inside[n].phase, frozenset(ending))
+        applies[n] = self.numbers.counts(mode, inside[n].phase, frozenset(ending))
         stage_w, terminal_w = self.weights(mode)
         stage, end = stage_w(p[:-1]), terminal_w(p[-1:])
         transition, p_transition, resets = self.transition(span, follower, mode.key, samples[-1])
@@ -181,7 +188,7 @@ class Compilation:
         return CompiledPhase(
             name=span.interval.phase.name,
             label=str(mode_now) if model.cut_by_modes else SCHEDULED,
-            interval=span.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1],
+            interval=span.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1], applies=applies,
             weight=stage[0], g_mask=stage[1], h_mask=stage[2],
             end_weight=end[0][0], end_g_mask=end[1][0], end_h_mask=end[2][0],
             ends_phase=span.ends_phase, transition=transition, p_transition=p_transition, resets=resets,
@@ -300,11 +307,10 @@ class Compilation:
                     "with it"
                 )
             raise nowhere(term, whys)
-        slots = {f"{model.name}.{slot.name}" for model in self.models for slot in model.slots}
-        for name in sorted(set(self.problem.parameters) - self.numbers.used):
-            if complete or name.split(".")[0] in {model.name for model in self.models}:
-                known = sorted(slots | self.numbers.used)
-                raise UnknownNameError(f"problem ({self.problem.source})", "parameter", name, known)
+        for key, (name, _) in self.numbers.replaced.items():
+            if complete and key not in self.numbers.used and name not in self.names:
+                own = [each.name for each in self.numbers.used if each.kind == "parameter" and each.term is None]
+                raise UnknownNameError(self.problem.where, "parameter", name, [*sorted(own), *self.names])
 
 
 def nowhere(term: Term, whys: Iterable[str]) -> ProblemError:

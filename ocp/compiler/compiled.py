@@ -3,68 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..language import Constraint, Cost, Path, Phase, PlacedPhase
-from .mode import LoweredMode, Row
-from .transition import LoweredTransition
+from piaffe.errors import renamed_members
+
+from ..language import Constraint, Cost, ParameterKey, Path, Phase, initial_state, merged
+from .compiled_phase import CompiledPhase
+from .mode import Row
+from .parameters import Parameters
+from .renumbered import renumbered
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class CompiledPhase:
-    """A stretch of the horizon with one mode and one time step.
-
-    Args:
-        name: the motion phase's name.
-        label: the mode as text.
-        interval: the motion phase (the first one, if a model spans several).
-        mode: functions.
-        dt: time step [s].
-        times: node times (N+1,) [s].
-        p: parameters of the stages (N, np).
-        p_end: parameters of the last node (np,).
-        weight: residual weights of the stages (N, nr), masks folded in.
-        g_mask: 0 or 1 per stage and inequality row (N, ng).
-        h_mask: the same for equalities (N, nh).
-        end_weight, end_g_mask, end_h_mask: the same for the last node's rows.
-        ends_phase: whether the motion's phase ends at the last node.
-        transition: to the next phase; None at the end of the horizon.
-        p_transition: its parameters.
-        resets: whether the transition does more than copy the state (an impact, a user's reset, another model).
-        guess_states: initial guess (N+1, nx).
-        guess_controls: initial guess (N, nu).
-    """
-
-    name: str
-    label: str
-    interval: PlacedPhase
-    mode: LoweredMode
-    dt: float
-    times: Array
-    p: Array
-    p_end: Array
-    weight: Array
-    g_mask: Array
-    h_mask: Array
-    end_weight: Array
-    end_g_mask: Array
-    end_h_mask: Array
-    ends_phase: bool
-    transition: LoweredTransition | None
-    p_transition: Array
-    resets: bool
-    guess_states: Array
-    guess_controls: Array
-
-    @property
-    def num_stages(self) -> int:
-        """N."""
-        return len(self.p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +32,7 @@ class CompiledProblem:
         scopes: per term the motion phase that declares it, None for terms of the whole problem.
         path: the targets over time.
         unbound: per (model name, term index) why a term is not in that model.
-        changing: numbers of models, ``"model.slot"``, that follow from the motion, node by node.
+        changing: slots of models that follow from the motion, node by node.
         lowered: how many modes and transitions had to be built for this problem (0: everything was known).
         compile_s: time spent compiling [s].
     """
@@ -89,7 +43,7 @@ class CompiledProblem:
     scopes: tuple[Phase | None, ...]
     path: Path
     unbound: Mapping[tuple[str, int], str]
-    changing: frozenset[str]
+    changing: frozenset[ParameterKey]
     lowered: int
     compile_s: float
 
@@ -98,35 +52,43 @@ class CompiledProblem:
         """Stages of the whole horizon."""
         return sum(phase.num_stages for phase in self.phases)
 
-    @property
-    def numbers(self) -> Mapping[str, Array]:
-        """Every number that may vary from instance to instance, by name, with its present value (size,).
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Every parameter by name, with its present value (size,)."""
+        return Parameters(self.phases, self.terms, self.changing)
 
-        Names are those of ``ocp.parameter``, ``"MODEL.SLOT"`` for a model's numbers, ``"TERM.PARAMETER"`` for a term's,
-        ``"TERM.weight"``, ``"TERM.target"``, ``"TERM.lower"`` and ``"TERM.upper"``; terms that share a name are told
-        apart by their order, ``"TERM[0].weight"``. What follows from the motion node by node (contacts, footholds,
-        targets along the path) is not among them.
-        """
-        from .named_numbers import named_numbers
+    def with_parameters(self, values: Mapping[str, ArrayLike] | None = None, /, **named: ArrayLike) -> CompiledProblem:
+        """Return the problem with other values of some of its ``parameters``; nothing is compiled.
 
-        return {name: number.value for name, number in named_numbers(self).items()}
-
-    def with_numbers(self, values: Mapping[str, ArrayLike], initial: ArrayLike | None = None) -> CompiledProblem:
-        """Return the problem with other values of some of its ``numbers``; nothing is compiled.
+        The result is the compiled form of ``problem.with_parameters(...)``; :meth:`Problem.with_parameters` lists the
+        names.
 
         Args:
             values: name → value, as many entries as it has now; a bound may be infinite for none.
-            initial: another initial state (nx,). Targets and guess stay those of the declared one, so that a start
-                beside it is drawn back to the same path.
+            named: the same as keywords, for names that are words.
 
         Raises:
-            UnknownNameError: there is no such number; the message lists them.
-            ShapeError: a value or the initial state has another size.
-            ProblemError: one is not finite, a weight is negative, or bounds exclude each other.
+            UnknownNameError: there is no such parameter; the message lists those that exist.
+            ShapeError: a value has another size.
+            ProblemError: a value is not finite, a weight is negative, bounds exclude each other, or the parameter
+                follows from the motion.
         """
-        from .named_numbers import with_numbers
+        where, known = "compiled problem", self.parameters
+        given = merged(values, named, where)
+        checked = {known.key(name, where): known.check(name, value, where) for name, value in given.items()}
+        return instance(self, checked, self.initial)
 
-        return with_numbers(self, values, initial)
+    def with_start(self, initial: ArrayLike) -> CompiledProblem:
+        """Return the problem from another initial state (nx,), with the same targets and the same initial guess.
+
+        A start beside the declared one is drawn back to the declared path. :meth:`Problem.with_initial` moves the path
+        with the start instead.
+
+        Raises:
+            ShapeError: the initial state has another size.
+            ProblemError: it is not finite, or a quaternion is zero.
+        """
+        return instance(self, {}, initial_state(self.phases[0].mode.model, initial, "compiled problem"))
 
     def term_name(self, row: Row) -> str:
         """Return the name of the term that a row belongs to."""
@@ -135,3 +97,28 @@ class CompiledProblem:
     def row_name(self, row: Row) -> str:
         """Return a row's full name: term, component and side."""
         return " ".join(part for part in (self.term_name(row), row.label, row.side) if part)
+
+    if not TYPE_CHECKING:  # for mypy no attribute is there
+        __getattr__ = renamed_members(
+            "CompiledProblem",
+            {"numbers": "parameters", "with_numbers": "with_parameters(values), and with_start(initial) after it"},
+        )
+
+
+def instance(compiled: CompiledProblem, values: Mapping[ParameterKey, Array], initial: Array) -> CompiledProblem:
+    """Return a problem with other values of parameters and another initial state, both checked already.
+
+    Args:
+        compiled: the problem.
+        values: key → value (size,), of :meth:`Parameters.key` and :meth:`Parameters.check`.
+        initial: of :func:`initial_state`; targets and initial guess stay.
+
+    Raises:
+        ProblemError: bounds exclude each other.
+    """
+    phases = [renumbered(phase, compiled.terms, values) if values else phase for phase in compiled.phases]
+    if initial is not compiled.initial:
+        guess = phases[0].guess_states.copy()
+        guess[0] = initial
+        phases[0] = replace(phases[0], guess_states=guess)
+    return replace(compiled, phases=tuple(phases), initial=initial)

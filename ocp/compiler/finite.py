@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
 
-from .compiled import CompiledPhase, CompiledProblem
+from ..language import ParameterKey, initial_state
+from .compiled import CompiledProblem
+from .compiled_phase import CompiledPhase
 from .layout import Layout
 from .mode import Row
 
@@ -23,18 +25,17 @@ def check_numbers(compiled: CompiledProblem) -> None:
         ProblemError: a parameter, weight, target, bound, time, initial state or guess is not finite, or a constraint's
             mask neither 0 nor 1.
     """
-    _check_initial(compiled)
+    initial_state(compiled.phases[0].mode.model, compiled.initial, "compiled problem")
     for i, phase in enumerate(compiled.phases):
         for where, layout, first, table in _parameters(phase):
             if np.all(np.isfinite(table)):
                 continue
             node, entry = (int(k) for k in np.argwhere(~np.isfinite(table))[0])
-            slot = next(name for name, part in layout.slices.items() if part.start <= entry < part.stop)
+            key = next(key for key, part in layout.slices.items() if part.start <= entry < part.stop)
             place = f"phase '{phase.name}', {f'node {first + node}' if first >= 0 else 'reset'}"
             raise _error(
-                f"{describe_slot(compiled, slot, where)}, {place}", entry - layout.slices[slot].start,
-                table[node, entry],
-            )  # fmt: skip
+                f"{_declared(compiled, key, where)}, {place}", entry - layout.slices[key].start, table[node, entry]
+            )
         for what, first, array, rows in _tables(phase):
             fits = (array == 0.0) | (array == 1.0) if what == "mask" else np.isfinite(array)
             if np.all(fits):
@@ -50,26 +51,13 @@ def check_numbers(compiled: CompiledProblem) -> None:
             raise _error(name, entry, array[node, entry])
 
 
-def describe_slot(compiled: CompiledProblem, slot: str, model: str) -> str:
+def _declared(compiled: CompiledProblem, key: ParameterKey, model: str) -> str:
     """Return what a part of a parameter vector was declared as, with file and line."""
-    kind, _, name = slot.partition(".")
-    if kind == "parameter":
-        return f"parameter '{name}'"
-    if kind == "model":
-        return f"model '{model}', number '{name}'"
-    if kind.startswith("term"):
-        term = compiled.terms[int(kind.removeprefix("term"))]
-        return f"{term.where}: {name}"
-    return f"model '{model}', time step {slot}"
-
-
-def _check_initial(compiled: CompiledProblem) -> None:
-    bad = np.flatnonzero(~np.isfinite(compiled.initial))
-    if bad.size:
-        entry = int(bad[0])
-        model = compiled.phases[0].mode.model
-        where = f"initial state of model '{model.name}', '{model.state.stored_labels[entry]}'"
-        raise _error(where, entry, compiled.initial[entry])
+    if key.term is not None:
+        return f"{compiled.terms[key.term].where}: {key.name or key.kind}"
+    if key.kind == "parameter":
+        return f"parameter '{key.name}'"
+    return f"model '{model}', number '{key.name}'" if key.kind == "slot" else f"model '{model}', time step dt"
 
 
 def _parameters(phase: CompiledPhase) -> Iterator[tuple[str, Layout, int, Array]]:

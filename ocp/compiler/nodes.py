@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
 
-from ..language import At, PlacedPhase, Problem, Sample, model_of
+from ..language import At, ParameterKey, PlacedPhase, Problem, Sample, model_of
 from .compile import RUNNING, Compilation, nowhere
 from .lowering import LEFT_OUT
 from .mode import LoweredMode
@@ -99,6 +100,15 @@ class Nodes:
     def interval(self, k: int) -> PlacedPhase:
         """Return the phase at node k; the later one on a boundary, the last one beyond the motion's end."""
         return self._path.interval_at(self._time(k))
+
+    @property
+    def replaced(self) -> Mapping[ParameterKey, Array]:
+        """The parameters whose values replace declared ones."""
+        return {key: value for key, (_, value) in self._compilation.numbers.replaced.items()}
+
+    def weights(self, k: int, phase: str, labels: tuple[str, ...]) -> Array:
+        """Return the weights of cost k in a phase of this name, one per row."""
+        return self._compilation.numbers.weights(k, phase, labels)
 
     # ---- filling
 

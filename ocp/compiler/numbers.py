@@ -4,15 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError, ShapeError
 
-from ..language import At, Constraint, Cost, ModelBase, Node, Parameter, Phase, Problem, rotation
+from ..language import (
+    TIME_STEP,
+    At,
+    Constraint,
+    Cost,
+    ModelBase,
+    Node,
+    Parameter,
+    ParameterKey,
+    Phase,
+    check_value,
+    rotation,
+)
+from .bounds import check_bounds
 from .layout import Layout
 from .mode import LoweredMode
+from .parameters import follows_from_motion
 from .transition import LoweredTransition
 
 Array = NDArray[np.float64]
@@ -20,8 +35,8 @@ Term = Cost | Constraint
 
 
 @dataclass(frozen=True, eq=False)
-class _Slot:
-    """A term's place in ``p``: its number, what scales it (weight or active), its target, names of its components."""
+class _Part:
+    """A term's parts of ``p``: what scales it (weight or active), its target, and names of its components."""
 
     k: int
     term: Term
@@ -32,10 +47,10 @@ class _Slot:
 
 @dataclass(frozen=True, eq=False)
 class _OfMode:
-    """What the nodes of a mode share: numbers, (np,), and where those are that depend on the phase."""
+    """What the nodes of a mode share: parameters, (np,), and where those are that depend on the phase."""
 
     p: Array
-    slots: tuple[_Slot, ...]
+    parts: tuple[_Part, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,23 +62,40 @@ class _Tracked:
     labels: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class _OfPhase:
+    """What the nodes of a phase share: parameters, (np,), targets still to fill in, which terms count, (terms,)."""
+
+    p: Array
+    tracked: tuple[_Tracked, ...]
+    counts: NDArray[np.bool_]
+
+
 class Numbers:
     """Fills parameter vectors; what does not change within a mode or a phase is worked out once.
 
     Args:
-        problem: the declaration.
-        terms: its costs and constraints, those of phases included.
+        terms: the problem's costs and constraints, those of phases included.
         scopes: per term the phase that declares it, None for all.
+        replaced: name and value of the parameters that replace declared ones.
+        where: the problem, for messages.
     """
 
-    def __init__(self, problem: Problem, terms: tuple[Term, ...], scopes: tuple[Phase | None, ...]) -> None:
-        self.problem, self.terms, self.scopes = problem, terms, scopes
+    def __init__(
+        self,
+        terms: tuple[Term, ...],
+        scopes: tuple[Phase | None, ...],
+        replaced: Mapping[ParameterKey, tuple[str, Array]],
+        where: str,
+    ) -> None:
+        self.terms, self.scopes, self.replaced, self.where = terms, scopes, replaced, where
         self.applied: set[int] = set()
-        self.used: set[str] = set()
-        self.changing: set[str] = set()
+        self.used: set[ParameterKey] = set()
+        self.changing: set[ParameterKey] = set()
         self._modes: dict[LoweredMode, _OfMode] = {}
         self._weights: dict[tuple[LoweredMode, int, str], Array] = {}
-        self._phases: dict[tuple[LoweredMode, Phase, frozenset[At]], tuple[Array, list[_Tracked]]] = {}
+        self._phases: dict[tuple[LoweredMode, Phase, frozenset[At]], _OfPhase] = {}
+        self._set: set[tuple[ModelBase, str]] = set()
 
     def of_nodes(self, mode: LoweredMode, dt: float, nodes: Sequence[Node], phase: Phase, here: frozenset[At]) -> Array:
         """Return the parameters of nodes of one phase at which the same terms hold, (n, np).
@@ -75,146 +107,168 @@ class Numbers:
             phase: their motion phase.
             here: which terms hold: running ones, those of a phase's end, those of the horizon's end.
         """
-        if (mode, phase, here) not in self._phases:
-            self._phases[mode, phase, here] = self._of_phase(mode, phase, here)
-        constant, tracked = self._phases[mode, phase, here]
-        p: Array = np.tile(constant, (len(nodes), 1))
+        shared = self._shared(mode, phase, here)
+        p: Array = np.tile(shared.p, (len(nodes), 1))
+        p[:, mode.layout.slices[TIME_STEP]] = dt
         for row, node in zip(p, nodes, strict=True):
-            _put(row, mode.layout, self._changing(mode.model, dt, node))
-        for each in tracked:
+            self._put_changing(row, mode.layout, mode.model, node)
+        for each in shared.tracked:
             p[:, each.part] = self._followed(each, nodes)
         return p
 
+    def counts(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> NDArray[np.bool_]:
+        """Return which terms count at such nodes, (terms,)."""
+        return self._shared(mode, phase, here).counts
+
     def of_transition(self, transition: LoweredTransition, dt: float, node: Node) -> Array:
         """Return the parameters of a transition, (np,)."""
-        p = np.zeros(transition.layout.size)
-        for values in (
-            self._of_model(transition.source),
-            self._of_user(transition.parameters),
-            self._changing(transition.source, dt, node),
-        ):
-            _put(p, transition.layout, values)
+        layout, p = transition.layout, np.zeros(transition.layout.size)
+        self._put_model(p, layout, transition.source)
+        self._put_user(p, layout, transition.parameters)
+        p[layout.slices[TIME_STEP]] = dt
+        self._put_changing(p, layout, transition.source, node)
         return p
+
+    def weights(self, k: int, phase: str, labels: tuple[str, ...]) -> Array:
+        """Return the weights of cost k in a phase of this name, one per row: replaced ones or those declared."""
+        term = self.terms[k]
+        assert isinstance(term, Cost)  # constraints have none
+        key = ParameterKey("weight", term=k)
+        replaced = key in self.replaced and term.counts_in(phase)
+        return self._given(key, len(labels)) if replaced else term.weights(phase, labels)
+
+    def _shared(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
+        if (mode, phase, here) not in self._phases:
+            self._phases[mode, phase, here] = self._of_phase(mode, phase, here)
+        return self._phases[mode, phase, here]
+
+    def _value(self, key: ParameterKey, declared: Array) -> Array:
+        """Return the value of a parameter: the one that replaces it, or the declared one."""
+        return self._given(key, declared.size) if key in self.replaced else declared
+
+    def _given(self, key: ParameterKey, size: int) -> Array:
+        """Return the value that replaces a parameter, (size,)."""
+        self.used.add(key)
+        name, value = self.replaced[key]
+        return check_value(name, key, value, self.where, size)
 
     # ---- models' slots and the user's parameters
 
-    def _of_model(self, model: ModelBase) -> dict[str, Array]:
-        """Return the values of a model's slots, the user's before the defaults."""
-        values = {}
+    def _put_model(self, p: Array, layout: Layout, model: ModelBase) -> None:
+        """Write the values of a model's slots that do not depend on the node."""
         for slot in model.slots:
-            name = f"{model.name}.{slot.name}"
-            given = self.problem.parameters.get(name)
-            if given is not None:
-                self.used.add(name)
-                self._check_size(name, given, slot.size)
-            values[f"model.{slot.name}"] = np.asarray(slot.default if given is None else given, dtype=float)
-        return values
+            key = ParameterKey("slot", slot.name, model=model.name)
+            p[layout.slices[key]] = self._given(key, slot.size) if key in self.replaced else slot.default
 
-    def _changing(self, model: ModelBase, dt: float, node: Node) -> dict[str, Array]:
-        """Return dt and the slots that the model itself sets for a node."""
-        values = {"dt": np.array([dt])}
+    def _put_changing(self, p: Array, layout: Layout, model: ModelBase, node: Node) -> None:
+        """Write the slots that the model itself sets for a node."""
         for name, value in model.node_parameters(node).items():
-            self.changing.add(f"{model.name}.{name}")
-            if f"{model.name}.{name}" in self.problem.parameters:
-                raise ProblemError(
-                    f"problem ({self.problem.source}), parameter '{model.name}.{name}': follows from the motion - got "
-                    "a number for it, expected none; change the motion's phases or targets"
-                )
-            values[f"model.{name}"] = np.asarray(value, dtype=float)
-        return values
+            if (model, name) not in self._set:
+                self._note_changing(model, name)
+            part = layout.slots.get(name)
+            if part is not None:
+                p[part] = value
 
-    def _of_user(self, parameters: tuple[Parameter, ...]) -> dict[str, Array]:
-        """Return the values of the user's parameters."""
-        values = {}
+    def _note_changing(self, model: ModelBase, name: str) -> None:
+        key = ParameterKey("slot", name, model=model.name)
+        if key in self.replaced:
+            raise follows_from_motion(self.replaced[key][0], self.where)
+        self._set.add((model, name))
+        self.changing.add(key)
+
+    def _put_user(self, p: Array, layout: Layout, parameters: tuple[Parameter, ...]) -> None:
+        """Write the values of the user's parameters."""
         for parameter in parameters:
-            given = self.problem.parameters.get(parameter.label, parameter.value)
-            self.used.add(parameter.label)
-            self._check_size(parameter.label, given, parameter.value.size)
-            values[f"parameter.{parameter.label}"] = given
-        return values
-
-    def _check_size(self, name: str, given: Array, size: int) -> None:
-        if given.size != size:
-            raise ShapeError(
-                f"problem ({self.problem.source}), parameter '{name}': wrong size - got {given.size} entries, expected "
-                f"{size}; give as many as the default has"
-            )
+            key = ParameterKey("parameter", parameter.label)
+            self.used.add(key)
+            p[layout.slices[key]] = self._value(key, parameter.value)
 
     # ---- terms
 
     def _of_mode(self, mode: LoweredMode) -> _OfMode:
         """Return what the nodes of a mode share, whichever their phase."""
-        p = np.zeros(mode.layout.size)
-        _put(p, mode.layout, self._of_model(mode.model))
-        _put(p, mode.layout, self._of_user(mode.parameters))
+        p, slices = np.zeros(mode.layout.size), mode.layout.slices
+        self._put_model(p, mode.layout, mode.model)
+        self._put_user(p, mode.layout, mode.parameters)
         labels: dict[int, list[str]] = {k: [] for k in mode.bound}
         for group, running in (("stage", True), ("terminal", False)):
             for row in mode.rows[f"{group}_residual"]:
                 if (self.terms[row.term].at == "running") is running:
                     labels[row.term].append(row.label)
+        parts = []
         for k in mode.bound:
             term = self.terms[k]
-            _put(p, mode.layout, {f"term{k}.{name}": value for name, value in term.parameters.items()})
+            target = slices.get(ParameterKey("target", term=k))
+            for name, value in term.parameters.items():
+                key = ParameterKey("parameter", name, term=k)
+                if key in slices:  # a cost on a quantity calls no function
+                    p[slices[key]] = self._value(key, value)
             if isinstance(term, Constraint):
-                _put(p, mode.layout, self._bounds(mode, k, term))
-            elif (part := mode.layout.slices.get(f"term{k}.target")) is not None:
-                p[part.start] = 1.0  # of a rotation the identity
-        slices = mode.layout.slices
-        slots = (
-            _Slot(
-                k, term, slices[f"term{k}.{'active' if isinstance(term, Constraint) else 'weight'}"],
-                slices.get(f"term{k}.target"), tuple(labels[k]),
-            )
-            for k, term in ((k, self.terms[k]) for k in mode.bound)
-        )  # fmt: skip
-        return _OfMode(p, tuple(slots))
+                self._put_bounds(p, mode, k, term)
+            elif target is not None:
+                p[target.start] = 1.0  # of a rotation the identity
+            factor = ParameterKey("active" if isinstance(term, Constraint) else "weight", term=k)
+            parts.append(_Part(k, term, slices[factor], target, tuple(labels[k])))
+        check_bounds(mode, self.terms, p[None])
+        return _OfMode(p, tuple(parts))
 
-    def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> tuple[Array, list[_Tracked]]:
+    def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
         """Return what the nodes of a phase share, and which targets are still to be filled in."""
         if mode not in self._modes:
             self._modes[mode] = self._of_mode(mode)
         shared = self._modes[mode]
-        p, tracked = shared.p.copy(), []
-        for slot in shared.slots:
-            k, term = slot.k, slot.term
+        p, tracked, counts = shared.p.copy(), [], np.zeros(len(self.terms), dtype=bool)
+        for part in shared.parts:
+            k, term = part.k, part.term
             applies = self.scopes[k] in (None, phase) and term.at in here and term.applies(phase.name)
             if applies:
                 self.applied.add(k)
             if isinstance(term, Constraint):
-                p[slot.factor] = applies
+                p[part.factor] = counts[k] = applies
             elif applies:
                 if (mode, k, phase.name) not in self._weights:
-                    self._weights[mode, k, phase.name] = term.weights(phase.name, slot.labels)
-                p[slot.factor] = self._weights[mode, k, phase.name]
-                if slot.target is not None and term.target is None:
-                    tracked.append(_Tracked(term, slot.target, slot.labels))
-                elif slot.target is not None:
-                    p[slot.target] = _fixed(term, slot.target.stop - slot.target.start, slot.labels)
-        return p, tracked
+                    self._weights[mode, k, phase.name] = self.weights(k, phase.name, part.labels)
+                p[part.factor] = self._weights[mode, k, phase.name]
+                counts[k] = term.counts_in(phase.name)
+                if part.target is not None and term.target is None:
+                    tracked.append(_Tracked(term, part.target, part.labels))
+                elif part.target is not None:
+                    p[part.target] = self._fixed(k, term, part.target.stop - part.target.start, part.labels)
+        return _OfPhase(p, tuple(tracked), counts)
 
-    def _bounds(self, mode: LoweredMode, k: int, term: Constraint) -> dict[str, Array]:
-        """Return the bounds of a constraint's rows, and which of them are finite."""
-        values: dict[str, Array] = {}
-        for side in ("lower", "upper"):
-            part = mode.layout.slices.get(f"term{k}.{side}")
+    def _put_bounds(self, p: Array, mode: LoweredMode, k: int, term: Constraint) -> None:
+        """Write the bounds of a constraint's rows, and which of them are finite."""
+        for key in (ParameterKey("lower", term=k), ParameterKey("upper", term=k)):
+            part = mode.layout.slices.get(key)
             if part is not None:
-                bound = term.bound(side, mode.model, part.stop - part.start)
-                finite = np.isfinite(bound)
-                values[f"term{k}.{side}"] = np.where(finite, bound, 0.0)
-                values[f"term{k}.has_{side}"] = finite.astype(float)
-        if f"term{k}.lower" in values and f"term{k}.upper" in values:
-            self._check_order(mode, k, term, values)
-        return values
+                side: Literal["lower", "upper"] = "lower" if key.kind == "lower" else "upper"
+                bound = self._value(key, term.bound(side, mode.model, part.stop - part.start))
+                p[part] = np.where(np.isfinite(bound), bound, 0.0)
+                p[mode.layout.slices[key.has_bound]] = np.isfinite(bound)
 
-    def _check_order(self, mode: LoweredMode, k: int, term: Constraint, values: Mapping[str, Array]) -> None:
-        both = values[f"term{k}.has_lower"] * values[f"term{k}.has_upper"]
-        lower, upper = values[f"term{k}.lower"], values[f"term{k}.upper"]
-        for i in np.flatnonzero(both * (lower > upper)):
+    def _fixed(self, k: int, term: Cost, size: int, labels: tuple[str, ...]) -> Array:
+        """Return a cost's own target, (size,).
+
+        Args:
+            k: its index.
+            term: the cost.
+            size: stored entries, 4 for a rotation.
+            labels: names of the components of a difference.
+        """
+        assert term.target is not None  # else it follows the path
+        key, rotates = ParameterKey("target", term=k), len(labels) < size
+        if not rotates:
+            return self._value(key, _sized(term, term.target, size, labels))
+        if key in self.replaced:
             raise ProblemError(
-                f"constraint '{term.name}' ({term.source}), model '{mode.model.name}', row {i}: bounds exclude each "
-                f"other - got lower {lower[i]:g} above upper {upper[i]:g} [{term.unit or '-'}], expected lower ≤ "
-                "upper; swap them"
+                f"{self.where}, parameter '{self.replaced[key][0]}': is the target of a rotation - got a value for it, "
+                "expected none; declare the term with another to="
             )
+        if term.target.size == 0:  # a regularised rotation
+            return np.array([1.0, 0.0, 0.0, 0.0])
+        value = rotation.np_from_rpy(term.target) if term.target.size == 3 else term.target
+        value = _sized(term, value, size, labels)
+        return np.asarray(value / np.linalg.norm(value))
 
     def _followed(self, each: _Tracked, nodes: Sequence[Node]) -> Array:
         """Return the path's targets of a cost at nodes, (n, size); of a rotation unit quaternions."""
@@ -236,24 +290,6 @@ class Numbers:
         return values / np.linalg.norm(values, axis=1, keepdims=True) if len(each.labels) < size else values
 
 
-def _fixed(term: Cost, size: int, labels: tuple[str, ...]) -> Array:
-    """Return a cost's own target, (size,).
-
-    Args:
-        term: the cost.
-        size: stored entries, 4 for a rotation.
-        labels: names of the components of a difference.
-    """
-    value, rotates = term.target, len(labels) < size
-    assert value is not None  # else it follows the path
-    if value.size == 0:  # a regularised rotation
-        return np.array([1.0, 0.0, 0.0, 0.0])
-    if rotates and value.size == 3:
-        value = rotation.np_from_rpy(value)
-    value = _sized(term, value, size, labels)
-    return value / np.linalg.norm(value) if rotates else value
-
-
 def _sized(term: Cost, value: Array, size: int, labels: tuple[str, ...]) -> Array:
     """Return a target; raise if it has not ``size`` entries."""
     if np.size(value) != size:
@@ -263,11 +299,3 @@ def _sized(term: Cost, value: Array, size: int, labels: tuple[str, ...]) -> Arra
             f"{len(labels)} ({names}) [{term.unit or '-'}]; give one per component"
         )
     return value
-
-
-def _put(p: Array, layout: Layout, values: Mapping[str, Array]) -> None:
-    """Write values into their parts of a vector; those that it has no part for are not needed there."""
-    for name, value in values.items():
-        part = layout.slices.get(name)
-        if part is not None:
-            p[part] = value

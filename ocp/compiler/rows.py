@@ -10,7 +10,7 @@ import casadi as cs
 
 from piaffe.errors import ProblemError, ShapeError
 
-from ..language import Bound, Constraint, Cost, Dynamics, ModelBase, NodeView, call, column, rotation
+from ..language import Bound, Constraint, Cost, Dynamics, ModelBase, NodeView, ParameterKey, call, column, rotation
 from .mode import Row
 from .symbols import NodeSymbols
 
@@ -72,7 +72,7 @@ class TermBinder:
                 self._evaluate(index, cost.mask, is_mask=True), value.numel(), f"term '{cost.name}' ({cost.source})"
             )
             mask = extra if mask is None else mask * extra
-        weight = self._symbols.own(f"term{index}.weight", value.numel())
+        weight = self._symbols.part(ParameterKey("weight", term=index), value.numel())
         names = tuple(Row(index, label, unit, rotates=rotates) for label in labels)
         return Rows(value, weight, cs.SX.ones(value.numel()) if mask is None else mask, names)
 
@@ -80,7 +80,7 @@ class TermBinder:
         """Return value ⊖ target of a tracked quantity."""
         if cost.target is not None and cost.target.size == 0 and bound.quantity.kind != "rotation":
             return bound.value
-        target = self._symbols.own(f"term{index}.target", bound.value.numel())
+        target = self._symbols.part(ParameterKey("target", term=index), bound.value.numel())
         if bound.quantity.kind == "rotation":
             return rotation.log(rotation.multiply(rotation.conjugate(target), bound.value))
         return bound.value - target
@@ -96,28 +96,30 @@ class TermBinder:
             raise ShapeError(
                 f"{where}: labels do not match the rows - got {len(labels)}, expected {n}; give one per row"
             )
-        mask = cs.SX.ones(n) * self._symbols.own(f"term{index}.active", 1)
+        mask = cs.SX.ones(n) * self._symbols.part(ParameterKey("active", term=index), 1)
         if constraint.mask is not None:
             mask = mask * self._stretch(self._evaluate(index, constraint.mask, is_mask=True), n, where)
         unit, scale = constraint.unit, constraint.scale
         if constraint.kind == "equality":
             return Rows(value / scale, None, mask, tuple(Row(index, x, unit, scale) for x in labels))
         rows, masks, names = [], [], []
-        for side, sign in (("lower", 1), ("upper", -1)):
-            if getattr(constraint, side) is None:
+        for side, sign in ((ParameterKey("lower", term=index), 1), (ParameterKey("upper", term=index), -1)):
+            if getattr(constraint, side.kind) is None:
                 continue
-            bound = self._symbols.own(f"term{index}.{side}", n)
-            finite = self._symbols.own(f"term{index}.has_{side}", n)
+            bound, finite = self._symbols.part(side, n), self._symbols.part(side.has_bound, n)
             rows.append(sign * (value - bound) / scale)
             masks.append(mask * finite)
-            names += [Row(index, x, unit, scale, side) for x in labels]
+            names += [Row(index, x, unit, scale, side.kind) for x in labels]
         return Rows(cs.vertcat(*rows), None, cs.vertcat(*masks), tuple(names))
 
     def _evaluate(self, index: int, function: Any, *, is_mask: bool = False) -> cs.SX:
         """Call a user's function and return its rows as a column; masks get no parameters."""
         term = self._terms[index]
         given = {} if is_mask else term.parameters
-        numbers = {name: self._symbols.own(f"term{index}.{name}", value.size) for name, value in given.items()}
+        numbers = {
+            name: self._symbols.part(ParameterKey("parameter", name, term=index), value.size)
+            for name, value in given.items()
+        }
         where = f"term '{term.name}' ({term.source})"
         result = call(function, where, self._view, **numbers)
         if isinstance(result, NodeView):

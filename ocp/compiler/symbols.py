@@ -6,7 +6,7 @@ import casadi as cs
 
 from piaffe.errors import ProblemError
 
-from ..language import ModelBase, Parameter, find_parameter
+from ..language import TIME_STEP, ModelBase, Parameter, ParameterKey, find_parameter
 from .layout import Layout
 
 
@@ -14,7 +14,7 @@ class NodeSymbols:
     """Symbols of one node, and a parameter vector that grows while its functions are made.
 
     Args:
-        model: the node's model; its slots come first in the parameter vector.
+        model: the node's model; the time step and its slots come first in the parameter vector.
         nz: size of the implicit part z.
     """
 
@@ -22,20 +22,20 @@ class NodeSymbols:
         self.x = cs.SX.sym("x", model.state.nx)
         self.u = cs.SX.sym("u", model.control.nx)
         self.z = cs.SX.sym("z", nz)
-        self.slots: dict[str, cs.SX] = {"dt": cs.SX.sym("dt")}
+        self._parts: dict[ParameterKey, cs.SX] = {TIME_STEP: cs.SX.sym("dt")}
         for slot in model.slots:
-            self.slots[f"model.{slot.name}"] = cs.SX.sym(slot.name, slot.size)
-        self._parameters: dict[str, Parameter] = {}
+            self._parts[ParameterKey("slot", slot.name, model=model.name)] = cs.SX.sym(slot.name, slot.size)
+        self._parameters: dict[ParameterKey, Parameter] = {}
 
     @property
     def p(self) -> cs.SX:
         """The parameter vector so far."""
-        return cs.vertcat(*self.slots.values())
+        return cs.vertcat(*self._parts.values())
 
     @property
     def layout(self) -> Layout:
-        """Where the slots are in it."""
-        return Layout((name, symbol.numel()) for name, symbol in self.slots.items())
+        """Where the parameters are in it."""
+        return Layout((key, symbol.numel()) for key, symbol in self._parts.items())
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -43,15 +43,15 @@ class NodeSymbols:
         return tuple(self._parameters.values())
 
     def of_model(self) -> dict[str, cs.SX]:
-        """Return the slots that the model sees, by its own names."""
-        named = {name.removeprefix("model."): s for name, s in self.slots.items() if name.startswith("model.")}
-        return {**named, "dt": self.slots["dt"]}
+        """Return what the model sees of it, by its own names: its slots and ``"dt"``."""
+        slots = {key.name: symbol for key, symbol in self._parts.items() if key.kind == "slot"}
+        return {**slots, "dt": self._parts[TIME_STEP]}
 
-    def own(self, name: str, size: int) -> cs.SX:
-        """Return a slot of the parameter vector, a fresh one if there is none of that name."""
-        if name not in self.slots:
-            self.slots[name] = cs.SX.sym(name, size)
-        return self.slots[name]
+    def part(self, key: ParameterKey, size: int) -> cs.SX:
+        """Return a part of the parameter vector, a fresh one if there is none of that key."""
+        if key not in self._parts:
+            self._parts[key] = cs.SX.sym(key.name or key.kind, size)
+        return self._parts[key]
 
     def check(self, where: str, expression: cs.SX, absent: cs.SX | None = None) -> None:
         """Adopt the user's parameters in an expression.
@@ -71,7 +71,7 @@ class NodeSymbols:
             )
         own = {
             e.element_hash()
-            for part in (self.x, self.u, self.z, *self.slots.values(), *self._parameters.values())
+            for part in (self.x, self.u, self.z, *self._parts.values(), *self._parameters.values())
             for e in cs.symvar(part)
         }
         for symbol in cs.symvar(expression):
@@ -88,12 +88,12 @@ class NodeSymbols:
             own |= {e.element_hash() for e in cs.symvar(parameter)}
 
     def _adopt(self, parameter: Parameter) -> None:
-        """Give a user's parameter a slot."""
-        name = f"parameter.{parameter.label}"
-        if self._parameters.get(name, parameter) is not parameter:
+        """Give a user's parameter a part."""
+        key = ParameterKey("parameter", parameter.label)
+        if self._parameters.get(key, parameter) is not parameter:
             raise ProblemError(
                 f"parameter '{parameter.label}': two parameters share a name - got two objects, expected one; rename "
                 "one"
             )
-        self._parameters[name] = parameter
-        self.slots[name] = cs.SX(parameter)
+        self._parameters[key] = parameter
+        self._parts[key] = cs.SX(parameter)

@@ -8,9 +8,7 @@ import numpy as np
 
 from piaffe.errors import ProblemError
 
-from ..language import ModelBase, Motion, Path, PlacedPhase, Schedule, Segment, model_of
-
-_TINY = 1e-7  # [s] two times closer than this are one
+from ..language import SAME_TIME, ModelBase, Motion, Path, PlacedPhase, Schedule, Segment, is_same_time, model_of
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class HorizonPhase:
             return self.interval
         current = self.interval
         for interval in intervals:
-            if interval.start <= t + _TINY:
+            if interval.start <= t + SAME_TIME:
                 current = interval
         return current
 
@@ -57,9 +55,9 @@ class HorizonPhase:
 def whole_steps(length: float, dt: float, where: str) -> int:
     """Return length / dt if that is a whole number; raise with the two nearest choices otherwise."""
     steps = round(length / dt)
-    if steps >= 1 and abs(steps * dt - length) < _TINY:
+    if steps >= 1 and is_same_time(steps * dt, length):
         return steps
-    below = int(length / dt + 1e-9)
+    below = int((length + SAME_TIME) / dt)
     choices = f"{max(below, 1) * dt:g} or {(max(below, 1) + (1 if below else 0)) * dt:g}" if below else f"{dt:g}"
     raise ProblemError(
         f"{where}: not a whole number of steps - got {length:g} s with dt {dt:g} s, expected {choices} s; choose one, "
@@ -72,7 +70,7 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[HorizonPhase]:
     total = path.duration
     dt0 = schedule.segments[0].dt
     t = round(t0 / dt0) * dt0 if np.isfinite(t0) else t0
-    if not 0 <= t < total - _TINY:
+    if not 0 <= t < total - SAME_TIME:
         raise ProblemError(
             f"horizon: start is outside the motion - got t0 = {t0:g} s, expected 0 ≤ t0 < {total:g} s; choose one "
             "inside"
@@ -89,24 +87,24 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[HorizonPhase]:
             end = total
         else:
             end = t + segment.duration
-            if end > total + _TINY:
+            if end > total + SAME_TIME:
                 raise ProblemError(
                     f"{where}: the horizon is longer than the motion - got {end:g} s, expected at most {total:g} s; "
                     "shorten it or add phases"
                 )
-        intervals = [i for i in path.intervals(end) if i.end > t + _TINY]
+        intervals = [i for i in path.intervals(end) if i.end > t + SAME_TIME]
         parts = intervals if model_of(segment).cut_by_modes else [intervals[0]]
         for interval in parts:
             stop = min(interval.end, end) if model_of(segment).cut_by_modes else end
             place = (
                 f"phase '{interval.phase.name}' ({interval.phase.source})" if model_of(segment).cut_by_modes else where
             )
-            if stop - t <= _TINY:
+            if stop - t <= SAME_TIME:
                 continue
             steps = whole_steps(stop - t, segment.dt, place)
             last = path.interval_before(stop)
-            ends = abs(last.end - stop) < _TINY
-            following = path.interval_at(stop) if ends and stop < total - _TINY else None
+            ends = is_same_time(last.end, stop)
+            following = path.interval_at(stop) if ends and stop < total - SAME_TIME else None
             spans.append(HorizonPhase(segment, interval, t, steps, ends, following))
             t = stop
     return spans
@@ -115,13 +113,13 @@ def lay(path: Path, schedule: Schedule, t0: float) -> list[HorizonPhase]:
 def covers(motion: Motion, spans: list[HorizonPhase]) -> bool:
     """Return whether a horizon covers a motion, or at least one cycle of an endless one."""
     length = sum(phase.duration for piece in motion.pieces for phase in piece.phases)
-    return spans[0].start < _TINY and spans[-1].end > length - _TINY
+    return spans[0].start < SAME_TIME and spans[-1].end > length - SAME_TIME
 
 
 def check_passed(span: HorizonPhase, intervals: list[PlacedPhase]) -> None:
     """Raise if a model that modes do not cut runs past a phase end at which something was declared to happen."""
     for interval in intervals:
-        phase, inside = interval.phase, span.start + _TINY < interval.end < span.end - _TINY
+        phase, inside = interval.phase, span.start + SAME_TIME < interval.end < span.end - SAME_TIME
         if inside and (phase.reset is not None or phase.until):
             what = "reset" if phase.reset is not None else "until"
             name = span.model.name

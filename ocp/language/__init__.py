@@ -2,6 +2,7 @@
 
 from . import rotation as rotation
 from .frame import PlanarFrame as PlanarFrame
+from .initial import initial_state as initial_state
 from .manifold import Block as Block
 from .manifold import Manifold as Manifold
 from .model import Dynamics as Dynamics
@@ -18,6 +19,12 @@ from .own_model import Model as Model
 from .parameter import Parameter as Parameter
 from .parameter import find_parameter as find_parameter
 from .parameter import parameter as parameter
+from .parameter_key import TIME_STEP as TIME_STEP
+from .parameter_key import ParameterKey as ParameterKey
+from .parameter_names import check_value as check_value
+from .parameter_names import find_key as find_key
+from .parameter_names import merged as merged
+from .parameter_names import parameter_names as parameter_names
 from .path import Path as Path
 from .phase import Free as Free
 from .phase import Keyframe as Keyframe
@@ -58,6 +65,8 @@ from .term import residual as residual
 from .term import track as track
 from .termset import Constraints as Constraints
 from .termset import Objective as Objective
+from .time import SAME_TIME as SAME_TIME
+from .time import is_same_time as is_same_time
 from .trajectory import SCHEDULED as SCHEDULED
 from .trajectory import PhaseTrajectory as PhaseTrajectory
 from .trajectory import Trajectory as Trajectory

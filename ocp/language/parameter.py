@@ -21,6 +21,11 @@ class Parameter(cs.SX):
             raise ProblemError(
                 f"parameter '{name}': value is unusable - got {value!r}, expected finite numbers in one column; fix it"
             )
+        if "." in name:
+            raise ProblemError(
+                f"parameter '{name}': name is unusable - got one with a dot, expected none: a dot parts the name of a "
+                "model or a term from that of its parameter; rename it"
+            )
         self.label = name
         super().__init__(cs.SX.sym(name, self.value.size))
         for element in cs.symvar(self):
@@ -41,7 +46,7 @@ def parameter(name: str, value: ArrayLike) -> Parameter:
     """Return a number of the user's that may change between solves without rebuilding anything.
 
     Args:
-        name: its name, unique within a problem.
+        name: its name, unique within a problem, without a dot.
         value: its default, a number or a column of numbers.
     """
     return Parameter(name, value)

@@ -8,6 +8,7 @@ from functools import cached_property
 
 from .model import Sample
 from .piece import BoundReference, Piece, PlacedPhase, placed_phases
+from .time import SAME_TIME
 
 
 @dataclass(frozen=True)
@@ -67,16 +68,13 @@ class _Walk:
 
     def at(self, t: float) -> PlacedPhase:
         self._reach(t)
-        return self._found[max(bisect_right(self._starts, t, key=lambda start: start - _SAME), 1) - 1]
+        return self._found[max(bisect_right(self._starts, t, key=lambda start: start - SAME_TIME), 1) - 1]
 
     def before(self, t: float) -> list[PlacedPhase]:
         self._reach(t)
-        return self._found[: bisect_left(self._starts, t - _SAME)]
+        return self._found[: bisect_left(self._starts, t - SAME_TIME)]
 
     def _reach(self, t: float) -> None:
-        while self._starts[-1] - _SAME <= t and (interval := next(self._rest, None)):
+        while self._starts[-1] - SAME_TIME <= t and (interval := next(self._rest, None)):
             self._found.append(interval)
             self._starts.append(interval.start)
-
-
-_SAME = 1e-9  # [s]: times closer than this are one

@@ -8,14 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ProblemError, ShapeError
+from piaffe.errors import ProblemError
 
-from .model import model_of
+from .initial import initial_state
+from .model import ModelBase, model_of
 from .motion import Motion
+from .parameter_names import check_value, find_key, merged, parameter_names
+from .phase import Phase
 from .schedule import Schedule
 from .source import Source, caller
+from .term import Constraint, Cost
 from .termset import Constraints, Objective
-from .user_input import numbers_of
 
 Array = NDArray[np.float64]
 
@@ -30,8 +33,7 @@ class Problem:
         objective: what to achieve.
         constraints: what to respect.
         initial: initial state of the first model, (nx,).
-        parameters: values that replace defaults: of an ``ocp.parameter`` by name, of a model's number by
-            ``"model.slot"``.
+        parameters: values that replace declared ones, by the names that :meth:`with_parameters` lists.
     """
 
     motion: Motion
@@ -70,24 +72,81 @@ class Problem:
             "schedule": schedule,
             "objective": objective,
             "constraints": constraints or Constraints(),
-            "initial": _initial(initial, schedule, source),
             "source": source,
-            "parameters": _parameters(parameters or {}, source),
+            "parameters": {},
         }.items():
             object.__setattr__(self, key, entry)
+        object.__setattr__(self, "initial", self._checked_initial(initial, schedule))
+        object.__setattr__(self, "parameters", self._checked_parameters(parameters or {}, schedule))
 
-    def with_parameters(self, **values: ArrayLike) -> Problem:
-        """Return the problem with other values of parameters; nothing is rebuilt."""
-        return self._with("parameters", {**self.parameters, **_parameters(values, self.source)})
+    @property
+    def where(self) -> str:
+        """Kind and place, for messages."""
+        return f"problem ({self.source})"
+
+    def with_parameters(self, values: Mapping[str, ArrayLike] | None = None, /, **named: ArrayLike) -> Problem:
+        """Return the problem with other values of parameters; nothing is rebuilt.
+
+        A parameter has the same name and the same values here and in :meth:`CompiledProblem.with_parameters`; the
+        compiled problem lists all of them in ``parameters``.
+
+        =====================  ==========================================================================
+        name                   parameter
+        =====================  ==========================================================================
+        ``"NAME"``             an ``ocp.parameter``
+        ``"MODEL.SLOT"``       a model's: ``"mini_cheetah.link_mass"``, ``"mini_cheetah.terrain"``
+        ``"TERM.PARAMETER"``   a term's own: ``"friction cone.mu"``
+        ``"TERM.weight"``      a cost's weights, in the phases where it applies
+        ``"TERM.target"``      a cost's own target (``to=``), if it is no rotation
+        ``"TERM.lower"``       a constraint's bounds, if it has that side; ``"TERM.upper"`` likewise
+        =====================  ==========================================================================
+
+        Terms that share a name are told apart by their order, ``"TERM[0].weight"``. Weights by phase count where they
+        are not zero; one value then replaces them all.
+
+        Args:
+            values: name → value, as many entries as it has now; a bound may be infinite for none.
+            named: the same as keywords, for names that are words.
+
+        Raises:
+            UnknownNameError: there is no such parameter; the message lists those that exist. An ``ocp.parameter`` is
+                found only in the functions it is used in, so that an unknown name without a dot is reported when the
+                problem is compiled; the same holds for a wrong size.
+            ShapeError: a value has another size.
+            ProblemError: a value is not finite, or a weight is negative.
+        """
+        given = self._checked_parameters(merged(values, named, self.where), self.schedule)
+        return self._with("parameters", {**self.parameters, **given})
 
     def with_initial(self, initial: ArrayLike) -> Problem:
-        """Return the problem from another initial state."""
-        return self._with("initial", _initial(initial, self.schedule, self.source))
+        """Return the problem from another initial state; the path of targets begins there."""
+        return self._with("initial", self._checked_initial(initial, self.schedule))
 
     def with_schedule(self, schedule: Schedule) -> Problem:
         """Return the problem over another schedule, whose first model must have the same state."""
-        _initial(self.initial, schedule, self.source)
+        self._checked_initial(self.initial, schedule)
+        self._checked_parameters(self.parameters, schedule)
         return self._with("schedule", schedule)
+
+    def scoped_terms(self) -> list[tuple[Cost | Constraint, Phase | None]]:
+        """Return every term, in the order that a compiled problem counts, with the phase that declares it, or None."""
+        terms: list[tuple[Cost | Constraint, Phase | None]] = [(t, None) for t in (*self.objective, *self.constraints)]
+        for phase in dict.fromkeys(phase for piece in self.motion.pieces for phase in piece.phases):
+            terms += [(term, phase) for term in (*phase.objective, *phase.constraints, *phase.until)]
+        return terms
+
+    def _checked_initial(self, initial: ArrayLike, schedule: Schedule) -> Array:
+        return initial_state(model_of(schedule.segments[0]), initial, self.where)
+
+    def _checked_parameters(self, values: Mapping[str, ArrayLike], schedule: Schedule) -> dict[str, Array]:
+        if not values:
+            return {}
+        models: list[ModelBase] = [model_of(segment) for segment in schedule.segments]
+        names = parameter_names([term for term, _ in self.scoped_terms()], models)
+        return {
+            name: check_value(name, find_key(names, name, self.where), value, self.where)
+            for name, value in values.items()
+        }
 
     def _with(self, name: str, value: object) -> Problem:
         other = object.__new__(Problem)
@@ -100,40 +159,3 @@ class Problem:
         from ..reports import describe
 
         return describe(compile_problem(self))
-
-
-def _initial(initial: ArrayLike, schedule: Schedule, source: Source) -> Array:
-    """Return an initial state of the first model, its quaternions normalised; raise if it is none."""
-    head = model_of(schedule.segments[0])
-    x0 = numbers_of(initial, f"problem ({source})", "initial state")
-    if x0.shape != (head.state.nx,):
-        layout = ", ".join(f"{b.quantity.path} {b.nx}" for b in head.state.blocks)
-        raise ShapeError(
-            f"problem ({source}): initial state has the wrong size for model '{head.name}' - got shape {x0.shape}, "
-            f"expected ({head.state.nx},): {layout}; build it with the model's state()"
-        )
-    if not np.all(np.isfinite(x0)):
-        bad = [int(i) for i in np.flatnonzero(~np.isfinite(x0))]
-        raise ProblemError(
-            f"problem ({source}): initial state is not finite - got NaN or infinity at entries {bad}, expected finite "
-            "numbers; fix it"
-        )
-    for quantity, where in head.state.slices.items():
-        if quantity.kind == "rotation" and not np.any(x0[where]):
-            raise ProblemError(
-                f"problem ({source}): initial state has no '{quantity}' - got a quaternion of zeros, expected one of "
-                "unit length, (1, 0, 0, 0) for none; build it with the model's state()"
-            )
-    return head.state.np_normalise(x0)
-
-
-def _parameters(values: Mapping[str, ArrayLike], source: Source) -> dict[str, Array]:
-    """Return values of parameters as arrays; raise if one is no finite number."""
-    where = f"problem ({source})"
-    arrays = {name: numbers_of(value, where, f"parameter '{name}'").ravel() for name, value in values.items()}
-    for name, array in arrays.items():
-        if not np.all(np.isfinite(array)):
-            raise ProblemError(
-                f"{where}, parameter '{name}': is not finite - got {array.tolist()}, expected finite numbers; fix it"
-            )
-    return arrays

@@ -16,6 +16,7 @@ from .model import ModelBase, Sample
 from .phase import Phase
 from .piece import BoundReference, Piece, Reference
 from .quantity import Quantity
+from .time import SAME_TIME
 from .trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -36,7 +37,7 @@ class _Curve:
     def rate(self, t: float, side: float) -> Array:
         """Return the slope of the piece of curve on the side of t that ``side`` (±1) names; zero beyond the ends."""
         last = len(self.times) - 1
-        i = int(np.searchsorted(self.times, t + side * 1e-9, side="right")) - 1
+        i = int(np.searchsorted(self.times, t + side * SAME_TIME, side="right")) - 1
         if i < 0 or i >= last:
             return np.zeros(self.values.shape[1])
         return np.asarray((self.values[i + 1] - self.values[i]) / (self.times[i + 1] - self.times[i]))
@@ -57,7 +58,7 @@ class BoundKeyframes(BoundReference):
 
     def sample(self, t: float, phase: int) -> Sample:
         """Return the targets; velocities are the path's derivative unless keyframes give them."""
-        side = -1.0 if phase < len(self.ends) and t >= self.ends[phase] - 1e-9 else 1.0
+        side = -1.0 if phase < len(self.ends) and t >= self.ends[phase] - SAME_TIME else 1.0
         sample: dict[Quantity, Array] = dict(self.start)
         for quantity, curve in self.curves.items():
             value = curve.value(t)

@@ -11,6 +11,7 @@ import numpy as np
 from piaffe.errors import ProblemError
 
 from .source import Source, caller
+from .time import is_same_time
 
 if TYPE_CHECKING:
     from .term import Constraint, Cost
@@ -56,7 +57,7 @@ class Segment:
                     "expected a positive number of seconds; give one"
                 )
         own = self.model.own_step
-        if own is not None and abs(self.dt - own) > 1e-9:
+        if own is not None and not is_same_time(self.dt, own):
             raise ProblemError(
                 f"schedule ({self.source}), model '{self.model.name}': dt is not the model's own - got {self.dt:g} s, "
                 f"expected {own:g} s; change one of them"

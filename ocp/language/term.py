@@ -104,6 +104,16 @@ class Cost(Term):
         to_zero = self.target is not None and self.target.size == 0
         return ("cost", self.quantity, self.function, self.at, self.mask, to_zero, self.unit, sizes)
 
+    def counts_in(self, phase: str) -> bool:
+        """Return whether another weight may take the place of the declared one in a phase of this name.
+
+        That is where the term applies; with weights by phase only where they are not all zero.
+        """
+        if not self.applies(phase) or not isinstance(self.weight, ByPhase):
+            return self.applies(phase)
+        weight = self.weight.phases.get(phase, self.weight.default)
+        return any(np.any(np.asarray(w) != 0) for w in (weight.values() if isinstance(weight, Mapping) else (weight,)))
+
     def weights(self, phase: str, labels: tuple[str, ...]) -> Array:
         """Return one weight per row for a phase, zero where the term does not apply."""
         if not self.applies(phase):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .manifold import Manifold
 from .quantity import Quantity
+from .time import SAME_TIME
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ class PhaseTrajectory:
     def sample(self, t: float) -> dict[Quantity, Array]:
         """Return state (interpolated on the manifold), control and outputs (held) at time t, clamped to the phase."""
         t = float(np.clip(t, self.times[0], self.times[-1]))
-        i = int(np.clip(np.searchsorted(self.times, t + 1e-9, side="right") - 1, 0, len(self.times) - 2))
+        i = int(np.clip(np.searchsorted(self.times, t + SAME_TIME, side="right") - 1, 0, len(self.times) - 2))
         share = float(np.clip((t - self.times[i]) / (self.times[i + 1] - self.times[i]), 0.0, 1.0))
         x0, x1 = self.states[i], self.states[i + 1]
         sample = self.state.unpack(self.state.np_plus(x0, share * self.state.np_minus(x1, x0)))
@@ -76,7 +77,7 @@ class Trajectory:
     def phase_at(self, t: float) -> PhaseTrajectory:
         """Return the phase at time t; the later one on a boundary."""
         for phase in reversed(self.phases):
-            if t >= phase.times[0] - 1e-9:
+            if t >= phase.times[0] - SAME_TIME:
                 return phase
         return self.phases[0]
 

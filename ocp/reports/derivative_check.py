@@ -26,7 +26,7 @@ _ROUGH = 1e-2  # truncation, relative to the derivative, that no smooth function
 
 
 @dataclass(frozen=True)
-class Finding:
+class DerivativeCheck:
     """How well one block of derivatives agrees with differences: the rows of one term by one kind of argument.
 
     Args:
@@ -60,7 +60,7 @@ class Finding:
         return self.smooth and self.error <= self.allowed
 
 
-def check_derivatives(compiled: CompiledProblem, *, points: int = 3, seed: int = 0) -> list[Finding]:
+def check_derivatives(compiled: CompiledProblem, *, points: int = 3, seed: int = 0) -> list[DerivativeCheck]:
     """Compare every derivative of a compiled problem with differences; the worst point of each block is kept.
 
     Models without derivatives have nothing to compare.
@@ -71,7 +71,7 @@ def check_derivatives(compiled: CompiledProblem, *, points: int = 3, seed: int =
         seed: of the random states.
     """
     rng = np.random.default_rng(seed)
-    worst: dict[tuple[str, str, str, str], Finding] = {}
+    worst: dict[tuple[str, str, str, str], DerivativeCheck] = {}
     for finding in _findings(compiled, points, rng):
         key = (finding.where, finding.output, finding.by, finding.term)
         known = worst.get(key)
@@ -81,11 +81,11 @@ def check_derivatives(compiled: CompiledProblem, *, points: int = 3, seed: int =
     return list(worst.values())
 
 
-def _badness(finding: Finding) -> tuple[bool, float]:
+def _badness(finding: DerivativeCheck) -> tuple[bool, float]:
     return (not finding.agrees, finding.error / finding.allowed if finding.allowed > 0 else np.inf)
 
 
-def _findings(compiled: CompiledProblem, points: int, rng: np.random.Generator) -> Iterator[Finding]:
+def _findings(compiled: CompiledProblem, points: int, rng: np.random.Generator) -> Iterator[DerivativeCheck]:
     for mode in dict.fromkeys(phase.mode for phase in compiled.phases):
         if not mode.model.has_derivatives:
             continue
@@ -110,7 +110,7 @@ def _findings(compiled: CompiledProblem, points: int, rng: np.random.Generator) 
 
 def _stage(
     compiled: CompiledProblem, phase: CompiledPhase, k: int, size: float, rng: np.random.Generator
-) -> Iterator[Finding]:
+) -> Iterator[DerivativeCheck]:
     mode, p = phase.mode, phase.p[k]
     f, space, ndx, nu = mode.functions, mode.state, mode.state.ndx, mode.nu
     x = space.np_plus(phase.guess_states[k], size * rng.standard_normal(ndx))
@@ -152,7 +152,7 @@ def _stage(
 
 def _terminal(
     compiled: CompiledProblem, phase: CompiledPhase, k: int, size: float, rng: np.random.Generator
-) -> Iterator[Finding]:
+) -> Iterator[DerivativeCheck]:
     mode, p = phase.mode, phase.p_end
     space = mode.state
     x = space.np_plus(phase.guess_states[k], size * rng.standard_normal(space.ndx))
@@ -165,7 +165,7 @@ def _terminal(
 
 def _reset(
     compiled: CompiledProblem, phase: CompiledPhase, following: CompiledPhase, size: float, rng: np.random.Generator
-) -> Iterator[Finding]:
+) -> Iterator[DerivativeCheck]:
     transition, p = phase.transition, phase.p_transition
     assert transition is not None  # asked only between phases
     f, space, after = transition.functions, transition.source.state, transition.target.state
@@ -208,7 +208,7 @@ def _reset(
 def _compare(
     compiled: CompiledProblem, mode: LoweredMode, group: str, output: str, J: Array, difference: Difference,
     split: tuple[int, int], noise: float,
-) -> Iterator[Finding]:  # fmt: skip
+) -> Iterator[DerivativeCheck]:  # fmt: skip
     """Yield the findings of one output of a mode, term by term."""
     where = f"model '{mode.model.name}', mode '{mode.key}'"
     if group not in mode.rows:
@@ -229,7 +229,7 @@ def _compare(
 def _blocks(
     where: str, output: str, term: str, labels: Sequence[str], J: Array, difference: Difference,
     split: tuple[int, int], noise: float,
-) -> Iterator[Finding]:  # fmt: skip
+) -> Iterator[DerivativeCheck]:  # fmt: skip
     """Yield one finding for the columns of x, of u and of z."""
     edges = (0, split[0], split[0] + split[1], J.shape[1])
     for by, first, last in zip("xuz", edges[:-1], edges[1:], strict=True):
@@ -247,6 +247,6 @@ def _blocks(
         rough = _ROUGH * (1.0 + np.max(np.abs(part.half), where=finite, initial=0.0))
         smooth = bool(np.max(truncation, initial=0.0) <= rough) and not part.has_kink(rough)
         rate = rate_of(J_by, part.coarse, part.coarse_half, float(rounding.max())) if finite.all() else None
-        yield Finding(
+        yield DerivativeCheck(
             where, output, by, term, labels[row], float(error[row, column]), float(allowed[row, column]), rate, smooth
         )

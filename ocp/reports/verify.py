@@ -1,4 +1,4 @@
-"""Verification: what a trajectory misses, recomputed from its states and controls alone, node by node.
+"""Verification: the violations of a trajectory, recomputed from its states and controls alone, node by node.
 
 Only the compiled functions and NumPy are used, none of a solver's evaluation: one linear solve for z per node, the
 discrete step, the reset maps, and the rows of every equality and inequality.
@@ -8,66 +8,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ProblemError
+from piaffe.errors import ProblemError, renamed_members
 
 from ..compiler import CompiledPhase, CompiledProblem, LoweredMode
 from ..language import Quantity, Trajectory
+from .violation import Kind, Violation
 
 Array = NDArray[np.float64]
-Kind = Literal["defect", "equality", "inequality"]
-
-BOUNDS: dict[Kind, float] = {"defect": 1e-4, "equality": 1e-3, "inequality": 1e-3}
-"""What a solution may miss: defects in the tangent's units, rows in raw SI over their scale."""
-
-
-@dataclass(frozen=True)
-class Miss:
-    """By how much one named row is missed, at its worst node.
-
-    Args:
-        kind: what kind of row.
-        name: term, component and side; for a defect the component of the state.
-        phase: name of the phase.
-        node: node in the phase; a phase's defect 0 is that of the initial state or of the reset map before it.
-        amount: raw SI amount divided by the row's scale; not finite counts as infinite.
-        unit: unit of the raw amount.
-        source: where the term was declared.
-    """
-
-    kind: Kind
-    name: str
-    phase: str
-    node: int
-    amount: float
-    unit: str
-    source: str = ""
-
-    @property
-    def ratio(self) -> float:
-        """The amount relative to what ``BOUNDS`` allows."""
-        return self.amount / BOUNDS[self.kind]
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What a trajectory misses.
+    """By how much a trajectory misses the rows of its problem.
 
     Args:
-        misses: the worst node of every named row, worst first within each kind.
+        violations: the worst node of every named row, worst first within each kind; of rows that hold, too.
     """
 
-    misses: tuple[Miss, ...]
+    violations: tuple[Violation, ...]
 
-    def worst(self, kind: Kind | None = None) -> Miss | None:
+    def worst(self, kind: Kind | None = None) -> Violation | None:
         """Return the worst row of a kind, or of all kinds relative to their bounds; None if there are no rows."""
-        found = [miss for miss in self.misses if kind in (None, miss.kind)]
-        return max(found, key=lambda miss: miss.ratio, default=None)
+        found = [each for each in self.violations if kind in (None, each.kind)]
+        return max(found, key=lambda each: each.ratio, default=None)
 
     def largest(self, kind: Kind) -> float:
         """Return the largest amount of a kind, 0 if it has no rows."""
@@ -92,7 +61,10 @@ class Verification:
     @property
     def holds(self) -> bool:
         """Whether everything is within ``BOUNDS``."""
-        return all(miss.ratio <= 1.0 for miss in self.misses)
+        return all(each.ratio <= 1.0 for each in self.violations)
+
+    if not TYPE_CHECKING:  # for mypy no attribute is there
+        __getattr__ = renamed_members("Verification", {"misses": "violations"})
 
 
 def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
@@ -108,12 +80,12 @@ def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
         ProblemError: the trajectory's phases are not the problem's.
     """
     check_fits(compiled, trajectory)
-    worst: dict[tuple[str, str], Miss] = {}
-    for miss in _misses(compiled, trajectory):
-        known = worst.get((miss.kind, miss.name))
-        if known is None or miss.amount > known.amount:
-            worst[miss.kind, miss.name] = miss
-    return Verification(tuple(sorted(worst.values(), key=lambda miss: (miss.kind, -miss.amount))))
+    worst: dict[tuple[str, str], Violation] = {}
+    for found in _violations(compiled, trajectory):
+        known = worst.get((found.kind, found.name))
+        if known is None or found.amount > known.amount:
+            worst[found.kind, found.name] = found
+    return Verification(tuple(sorted(worst.values(), key=lambda found: (found.kind, -found.amount))))
 
 
 def check_fits(compiled: CompiledProblem, trajectory: Trajectory) -> None:
@@ -133,7 +105,7 @@ def check_fits(compiled: CompiledProblem, trajectory: Trajectory) -> None:
         )
 
 
-def _misses(compiled: CompiledProblem, trajectory: Trajectory) -> Iterator[Miss]:
+def _violations(compiled: CompiledProblem, trajectory: Trajectory) -> Iterator[Violation]:
     start = compiled.initial
     for phase, part in zip(compiled.phases, trajectory.phases, strict=True):
         f, space, n = phase.mode.functions, phase.mode.state, phase.num_stages
@@ -152,7 +124,7 @@ def _misses(compiled: CompiledProblem, trajectory: Trajectory) -> Iterator[Miss]
             for quantity, where in space.slices.items():
                 if quantity.kind == "rotation":
                     off = abs(float(np.linalg.norm(x[where])) - 1.0)
-                    yield Miss("defect", f"{quantity} length", phase.name, k, _finite(off), "")
+                    yield Violation(f"{quantity} length", phase.name, k, _finite(off), "", "defect")
         _, g, h = (_column(value) for value in f["terminal"](part.states[n], phase.p_end))
         yield from _rows(compiled, phase, n, "terminal_g", "inequality", -g * phase.end_g_mask)
         yield from _rows(compiled, phase, n, "terminal_h", "equality", np.abs(h) * phase.end_h_mask)
@@ -194,8 +166,7 @@ def quantity_function(mode: LoweredMode, quantity: Quantity) -> cs.Function | No
         for name, size in (("x", model.state.nx), ("u", model.control.nx), ("z", model.implicit_size(mode.key)))
     )
     p = cs.SX.sym("p", mode.layout.size)
-    named = {name.removeprefix("model."): part for name, part in mode.layout.split(p).items()}
-    dynamics = model.dynamics(mode.key, x, u, z, named)
+    dynamics = model.dynamics(mode.key, x, u, z, mode.layout.of_model(p))
     if quantity not in dynamics.quantities:
         return None
     value = dynamics.quantities.bind(quantity).value
@@ -204,20 +175,20 @@ def quantity_function(mode: LoweredMode, quantity: Quantity) -> cs.Function | No
     return cs.Function("quantity", [x, p], [cs.densify(value)])
 
 
-def _defects(phase: CompiledPhase, node: int, reached: Array, state: Array) -> Iterator[Miss]:
+def _defects(phase: CompiledPhase, node: int, reached: Array, state: Array) -> Iterator[Violation]:
     space = phase.mode.state
     units = [block.quantity.unit for block in space.blocks for _ in block.labels]
     defects = np.abs(space.np_minus(reached, state))
     for label, unit, amount in zip(space.labels, units, defects, strict=True):
-        yield Miss("defect", label, phase.name, node, _finite(amount), unit)
+        yield Violation(label, phase.name, node, _finite(amount), unit, "defect")
 
 
 def _rows(
     compiled: CompiledProblem, phase: CompiledPhase, node: int, group: str, kind: Kind, amounts: Array
-) -> Iterator[Miss]:
+) -> Iterator[Violation]:
     for row, amount in zip(phase.mode.rows[group], amounts, strict=True):
         source = str(compiled.terms[row.term].source) if row.term >= 0 else ""
-        yield Miss(kind, compiled.row_name(row), phase.name, node, max(_finite(amount), 0.0), row.unit, source)
+        yield Violation(compiled.row_name(row), phase.name, node, max(_finite(amount), 0.0), row.unit, kind, source)
 
 
 def _finite(amount: float) -> float:

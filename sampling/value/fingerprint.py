@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 import casadi as cs
 import numpy as np
@@ -25,6 +25,7 @@ from piaffe.ocp import (
     Cost,
     Nodes,
     NodeView,
+    ParameterKey,
     Phase,
     Quantities,
     Quantity,
@@ -41,6 +42,7 @@ Array = NDArray[np.float64]
 Entries = dict[str, Any]
 
 TOLERANCE = 1e-6  # relative; numbers that differ by less are the same
+_SIDES: tuple[Literal["lower", "upper"], ...] = ("lower", "upper")
 _PROBES = 4  # points at which a function is evaluated
 _SETTLED = 10.0  # when commands no longer ramp [s]
 _INSTANTS = 8  # of a cycle, at which the motion's targets are compared
@@ -198,25 +200,31 @@ def _terms(nodes: Nodes) -> Entries:
     for k, term in enumerate(nodes.terms):
         names[term.name] = names.get(term.name, 0) + 1
         if k in nodes.mode.bound:
-            found[term.name if names[term.name] == 1 else f"{term.name} #{names[term.name]}"] = _term(probes, term)
+            found[term.name if names[term.name] == 1 else f"{term.name} #{names[term.name]}"] = _term(probes, k, term)
     return found
 
 
-def _term(probes: _Probes, term: Cost | Constraint) -> Entries:
-    names = [name for name in _scope(probes.nodes, term) if term.applies(name)]
-    entry: Entries = {"at": term.at, "mask": None if term.mask is None else probes.rows(term, term.mask, is_mask=True)}
+def _term(probes: _Probes, k: int, term: Cost | Constraint) -> Entries:
+    nodes, replaced = probes.nodes, probes.nodes.replaced
+    names = [name for name in _scope(nodes, term) if term.applies(name)]
+    mask = None if term.mask is None else probes.rows(k, term, term.mask, is_mask=True)
+    entry: Entries = {"at": term.at, "mask": mask}
     if isinstance(term, Cost) and term.quantity is not None:
         labels = probes.quantities.bind(term.quantity).labels
-        entry |= {"quantity": term.quantity.path, "target": plain(term.target)}
+        entry |= {
+            "quantity": term.quantity.path,
+            "target": plain(replaced.get(ParameterKey("target", term=k), term.target)),
+        }
     else:
-        entry["values"] = probes.rows(term, term.function)
+        entry["values"] = probes.rows(k, term, term.function)
         count = len(entry["values"][0])
         labels = tuple(str(i) for i in range(count)) if count > 1 else ("",)
     if isinstance(term, Cost):
-        return {"kind": "cost", **entry, "weights": {name: plain(term.weights(name, labels)) for name in names}}
-    for side in ("lower", "upper") if term.kind == "inequality" else ():
-        given = getattr(term, side)
-        entry[side] = None if given is None else plain(term.bound(side, probes.nodes.model, len(labels)))
+        return {"kind": "cost", **entry, "weights": {name: plain(nodes.weights(k, name, labels)) for name in names}}
+    for side in _SIDES if term.kind == "inequality" else ():
+        key = ParameterKey(side, term=k)
+        declared = None if getattr(term, side) is None else term.bound(side, nodes.model, len(labels))
+        entry[side] = plain(replaced.get(key, declared))
     return {"kind": term.kind, **entry, "scale": plain(term.scale), "phases": names}
 
 
@@ -232,10 +240,7 @@ class _Probes:
 
     def __init__(self, nodes: Nodes) -> None:
         mode, model = nodes.mode, nodes.model
-        p = {
-            name.removeprefix("model."): cs.SX.sym(name, part.stop - part.start)
-            for name, part in mode.layout.slices.items()
-        }
+        p = mode.layout.of_model(cs.SX.sym("p", mode.layout.size))
         space = (cs.SX.sym("x", model.state.nx), cs.SX.sym("u", model.control.nx), cs.SX.sym("z", mode.nz))
         self.nodes, self._real = nodes, model.dynamics(mode.key, *space, p).quantities
         self._symbols: dict[str, Bound] = {}
@@ -247,9 +252,13 @@ class _Probes:
         self._symbols[path] = Bound(real.quantity, cs.SX.sym(path, real.value.numel()), real.labels)
         return self._symbols[path]
 
-    def rows(self, term: Cost | Constraint, function: Any, *, is_mask: bool = False) -> list[list[Any]]:
-        """Return a term's function at a few points, (points, rows)."""
-        given = {} if is_mask else {name: cs.SX(value) for name, value in term.parameters.items()}
+    def rows(self, k: int, term: Cost | Constraint, function: Any, *, is_mask: bool = False) -> list[list[Any]]:
+        """Return a function of term k at a few points, (points, rows)."""
+        replaced = self.nodes.replaced
+        given = {} if is_mask else {
+            name: cs.SX(replaced.get(ParameterKey("parameter", name, term=k), value))
+            for name, value in term.parameters.items()
+        }  # fmt: skip
         rows = cs.densify(column(call(function, term.where, NodeView(self.quantities), **given)))
         bound = list(self._symbols.values())
         own = {e.element_hash() for each in bound for e in cs.symvar(each.value)}
@@ -262,7 +271,7 @@ class _Probes:
                 "argument supplies, or an ocp.parameter; change it"
             )
         evaluate = cs.Function("probe", [*(b.value for b in bound), *map(cs.SX, adopted.values())], [rows])
-        numbers = [self.nodes.problem.parameters.get(label, p.value) for label, p in adopted.items()]
+        numbers = [replaced.get(ParameterKey("parameter", label), p.value) for label, p in adopted.items()]
         return [plain(np.array(evaluate(*(_point(b, i) for b in bound), *numbers)).ravel()) for i in range(_PROBES)]
 
 

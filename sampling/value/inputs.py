@@ -126,7 +126,7 @@ class ValueInputs:
     @classmethod
     def standard(cls, nodes: Nodes) -> ValueInputs:
         """Return the usual inputs; with the error in position if the objective asks the base to be somewhere."""
-        follows = any(_tracks_place(term, nodes) for term in nodes.terms if isinstance(term, Cost))
+        follows = any(_tracks_place(k, term, nodes) for k, term in enumerate(nodes.terms) if isinstance(term, Cost))
         return cls((*STANDARD, "position error") if follows else STANDARD)
 
     def spec(self, mode: LoweredMode) -> dict[str, int]:
@@ -231,12 +231,7 @@ def _lower(inputs: ValueInputs, mode: LoweredMode) -> tuple[cs.SX, cs.SX, dict[s
     x, u = cs.SX.sym("x", model.state.nx), cs.SX.sym("u", model.control.nx)
     z, own = cs.SX.sym("z", mode.nz), cs.SX.sym("p", mode.layout.size)
     parts = {name: cs.SX.sym(f"target_{name}", size) for name, size in _SIZES.items()}
-    slots = {
-        name.removeprefix("model."): symbol
-        for name, symbol in mode.layout.split(own).items()
-        if name == "dt" or name.startswith("model.")
-    }
-    view = NodeView(model.dynamics(mode.key, x, u, z, slots).quantities)
+    view = NodeView(model.dynamics(mode.key, x, u, z, mode.layout.of_model(own)).quantities)
     p = cs.vertcat(own, *parts.values())
     found = {}
     for feature in inputs.features:
@@ -260,11 +255,11 @@ def _named(name: str) -> Feature:
     return FEATURES[name]
 
 
-def _tracks_place(term: Cost, nodes: Nodes) -> bool:
+def _tracks_place(k: int, term: Cost, nodes: Nodes) -> bool:
     if term.quantity is None or term.quantity != base.position or term.at != "running":
         return False
     return any(
-        np.any(term.weights(phase.name, ("x", "y", "z"))[:2] > 0)
+        np.any(nodes.weights(k, phase.name, ("x", "y", "z"))[:2] > 0)
         for piece in nodes.problem.motion.pieces
         for phase in (*piece.once, *piece.cycle)
     )

@@ -15,15 +15,13 @@ from piaffe.codegen import Worker, available_cores
 from piaffe.errors import ProblemError, ShapeError, SolverError
 from piaffe.ocp import (
     CompiledProblem,
-    NamedNumber,
+    ParameterKey,
+    Parameters,
     Problem,
     check_numbers,
-    check_value,
     compile_problem,
-    find_number,
     initial_state,
     instance,
-    named_numbers,
     numbers_of,
     require_derivatives,
 )
@@ -69,13 +67,15 @@ def solve_batch(
 ) -> BatchSolution:
     """Solve many instances of one problem.
 
-    Each instance is solved as ``MSiLQR(compiled.with_numbers(its numbers, its start), options).solve(its warm start)``
-    would, to the bit, whatever the number of threads. Ctrl-C stops the batch and returns what is done.
+    Each instance is solved as
+    ``MSiLQR(compiled.with_parameters(its parameters).with_start(its start), options).solve(its warm start)`` would, to
+    the bit, whatever the number of threads. Ctrl-C stops the batch and returns what is done.
 
     Args:
         problem: the declaration, or one already compiled.
         initial_states: (batch, nx); None for the problem's own in every instance. Targets stay those of the problem.
-        parameters: name → values (batch, size), or (batch,) for single numbers; ``compiled.numbers`` lists the names.
+        parameters: name → values (batch, size), or (batch,) for single numbers; the names are those of
+            ``compiled.parameters``.
         options: options of every solve.
         backend: as of :class:`MSiLQR`; ``"numpy"`` solves one after the other.
         threads: how many instances at once; as many as there are cores by default.
@@ -84,7 +84,7 @@ def solve_batch(
         progress: called with instances done and instances in all, from the calling thread.
 
     Raises:
-        UnknownNameError: a parameter is not among the problem's numbers.
+        UnknownNameError: a parameter is not among those of the problem.
         ShapeError: shapes do not fit, each other or the problem.
         ProblemError: a value is not finite, or bounds exclude each other.
         SolverError: a warm start does not fit, or threads is not positive.
@@ -129,10 +129,10 @@ class _Batch:
         gains: bool,
     ) -> None:
         self.compiled, self.options = compiled, options
-        known = named_numbers(compiled) if parameters else {}
-        varied = [find_number(known, name, "solve_batch") for name in parameters]
-        tables = [_rows(number, value) for number, value in zip(varied, parameters.values(), strict=True)]
-        sizes = {f"parameter '{number.name}'": len(table) for number, table in zip(varied, tables, strict=True)}
+        known = compiled.parameters
+        keys = {name: known.key(name, "solve_batch") for name in parameters}
+        tables = {name: _rows(known, name, value) for name, value in parameters.items()}
+        sizes = {f"parameter '{name}'": len(table) for name, table in tables.items()}
         starts: Array | None = None
         if initial_states is not None:
             starts = numbers_of(initial_states, "solve_batch", "initial states")
@@ -151,16 +151,15 @@ class _Batch:
                 "positive number everywhere; give as many rows of each"
             )
         self.size = next(iter(sizes.values()))
-        self.slots: list[dict[tuple[str, str], Array]] = [{} for _ in range(self.size)]
+        self.values: list[dict[ParameterKey, Array]] = []
         self.starts, self.warm = [], []
         shared = WarmStart.of(warm_start) if isinstance(warm_start, Solution) else None
-        bounded = any(number.is_bound for number in varied)
+        bounded = any(key.is_bound for key in keys.values())
+        model = compiled.phases[0].mode.model
         for i in range(self.size):
             where = f"solve_batch, instance {i}"
-            for number, table in zip(varied, tables, strict=True):
-                value = check_value(compiled, number, table[i], where)
-                self.slots[i] |= dict.fromkeys(number.slots, value)
-            self.starts.append(compiled.initial if starts is None else initial_state(compiled, starts[i], where))
+            self.values.append({keys[name]: known.check(name, table[i], where) for name, table in tables.items()})
+            self.starts.append(compiled.initial if starts is None else initial_state(model, starts[i], where))
             self.warm.append(shared or _warm_start(warm_start, i))
             try:
                 if i == 0 or not isinstance(warm_start, Solution):
@@ -173,7 +172,7 @@ class _Batch:
 
     def instance(self, i: int) -> CompiledProblem:
         """Return instance i."""
-        return instance(self.compiled, self.slots[i], self.starts[i])
+        return instance(self.compiled, self.values[i], self.starts[i])
 
     # ---- in NumPy, one after the other
 
@@ -303,14 +302,14 @@ class _Batch:
         return True
 
 
-def _rows(number: NamedNumber, value: ArrayLike) -> Array:
-    """Return the values of a number, (batch, size)."""
-    table = numbers_of(value, "solve_batch", f"parameter '{number.name}'")
-    rows = table[:, None] if table.ndim == 1 and number.size == 1 else table
-    if rows.ndim != 2 or rows.shape[1] != number.size:
-        expected = "(batch,)" if number.size == 1 else f"(batch, {number.size})"
+def _rows(known: Parameters, name: str, value: ArrayLike) -> Array:
+    """Return the values of a parameter, (batch, size)."""
+    table, size = numbers_of(value, "solve_batch", f"parameter '{name}'"), known.size(name)
+    rows = table[:, None] if table.ndim == 1 and size == 1 else table
+    if rows.ndim != 2 or rows.shape[1] != size:
+        expected = "(batch,)" if size == 1 else f"(batch, {size})"
         raise ShapeError(
-            f"solve_batch: parameter '{number.name}' has the wrong shape - got {table.shape}, expected {expected}; "
+            f"solve_batch: parameter '{name}' has the wrong shape - got {table.shape}, expected {expected}; "
             "give one row per instance"
         )
     return rows

@@ -7,9 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import CompiledPhase, CompiledProblem, Constraint, PhaseTrajectory, Trajectory
+from piaffe.ocp import (
+    CompiledPhase,
+    CompiledProblem,
+    Constraint,
+    Kind,
+    ParameterKey,
+    PhaseTrajectory,
+    Trajectory,
+    Violation,
+)
 
-from ..solution import Violation
 from . import barrier
 from .iterate import Iterate, PhaseDual, PhaseValues, ProblemFunctions
 
@@ -45,7 +53,7 @@ def violations(
     for phase, value, dual in zip(problem.phases, values, duals, strict=True):
         stage_lambda, end_lambda = inequality_multipliers(value, dual, weight)
         n = phase.num_stages
-        tables = (
+        tables: tuple[tuple[str, Kind, Array, Array, int], ...] = (
             ("stage_g", "inequality", np.maximum(-value.g, 0) * phase.g_mask, stage_lambda, 0),
             ("stage_h", "equality", np.abs(value.h) * phase.h_mask, dual.multiplier, 0),
             ("terminal_g", "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_lambda[None], n),
@@ -108,12 +116,12 @@ def limits(problem: CompiledProblem) -> tuple[dict[str, Any], ...]:
 def _limit(problem: CompiledProblem, phase: CompiledPhase, k: int) -> dict[str, Any]:
     term = problem.terms[k]
     assert isinstance(term, Constraint)  # picked by the caller
-    slots, bounds = phase.mode.layout.slices, {}
-    for side in ("lower", "upper"):
-        if f"term{k}.{side}" in slots:
-            has = phase.p[0, slots[f"term{k}.has_{side}"]]
-            values = phase.p[0, slots[f"term{k}.{side}"]]
-            bounds[side] = [float(v) if h else None for v, h in zip(values, has, strict=True)]
+    slices, bounds = phase.mode.layout.slices, {}
+    for key in (ParameterKey("lower", term=k), ParameterKey("upper", term=k)):
+        if key in slices:
+            has, values = phase.p[0, slices[key.has_bound]], phase.p[0, slices[key]]
+            bounds[key.kind] = [float(v) if h else None for v, h in zip(values, has, strict=True)]
+    own = {key.name: phase.p[0, part] for key, part in slices.items() if key.term == k and key.kind == "parameter"}
     rows = [
         row
         for group in ("stage_g", "stage_h", "terminal_g", "terminal_h")
@@ -124,5 +132,5 @@ def _limit(problem: CompiledProblem, phase: CompiledPhase, k: int) -> dict[str, 
         "name": term.name, "kind": term.kind, "unit": term.unit, "model": phase.mode.model.name,
         "labels": list(dict.fromkeys(row.label for row in rows)),
         "lower": bounds.get("lower"), "upper": bounds.get("upper"),
-        "parameters": {name: value.tolist() for name, value in term.parameters.items()},
+        "parameters": {name: own.get(name, value).tolist() for name, value in term.parameters.items()},
     }  # fmt: skip

@@ -1,7 +1,6 @@
 """What a solve returns: solution, status, iteration records, and the file that holds them."""
 
 from .parts import PhaseSolution as PhaseSolution
-from .parts import Violation as Violation
 from .record import Record as Record
 from .search_state import SearchState as SearchState
 from .search_state import is_same as is_same

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError
 from piaffe.files import Fault, read_archive, write_arrays
-from piaffe.ocp import Block, Manifold, PhaseTrajectory, Quantity, Trajectory
+from piaffe.ocp import Block, Manifold, PhaseTrajectory, Quantity, Trajectory, Violation
 
-from .parts import PhaseSolution, Violation
+from .parts import PhaseSolution
 from .record import Record
 from .search_state import SearchState
 from .status import Status

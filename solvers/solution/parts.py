@@ -1,4 +1,4 @@
-"""Parts of a solution: what each phase holds beside its trajectory, and the worst violation of each constraint."""
+"""Parts of a solution: what each phase holds beside its trajectory."""
 
 from __future__ import annotations
 
@@ -39,28 +39,3 @@ class PhaseSolution:
     defects: Array
     multipliers: Mapping[str, Array]
     target_states: Array
-
-
-@dataclass(frozen=True)
-class Violation:
-    """The worst violation of one named constraint.
-
-    Args:
-        name: constraint, component and side.
-        phase: name of the phase.
-        node: node index in it.
-        amount: raw amount divided by the row's scale; 0 if the constraint holds.
-        unit: unit of the raw amount.
-        kind: ``"inequality"`` or ``"equality"``.
-        source: where it was declared.
-        multiplier: the force with which it acts there.
-    """
-
-    name: str
-    phase: str
-    node: int
-    amount: float
-    unit: str
-    kind: str
-    source: str
-    multiplier: float

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import Trajectory
+from piaffe.ocp import Trajectory, Violation
 
 from . import file
-from .parts import PhaseSolution, Violation
+from .parts import PhaseSolution
 from .record import Record
 from .search_state import SearchState
 from .status import Status
@@ -103,7 +103,7 @@ class Solution:
             lines.append(
                 f"- {violation.kind} '{violation.name}' ({violation.source}), phase '{violation.phase}', "
                 f"node {violation.node}: "
-                f"missed by {violation.amount:.3g}{unit}; it pushes with {violation.multiplier:.3g}"
+                f"missed by {violation.amount:.3g}{unit}; it pushes with {violation.multiplier or 0.0:.3g}"
             )
         defects = [
             (float(np.max(np.abs(p.defects))), t.name, p.defects, t)

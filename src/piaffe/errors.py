@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
-from typing import Never, Self
+from typing import Any, Never, Self
 
 
 class PiaffeError(Exception):
@@ -75,5 +75,23 @@ def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Never]:
                 f"module '{module}': '{name}' was renamed - got '{name}', expected '{names[name]}'; use that"
             )
         raise AttributeError(f"module '{module}' has no attribute '{name}'")
+
+    return __getattr__
+
+
+def renamed_members(owner: str, names: Mapping[str, str]) -> Callable[[Any, str], Never]:
+    """Return a class's ``__getattr__`` that says the new name of what was renamed.
+
+    Args:
+        owner: its name.
+        names: old name of an attribute or a method → what to use now, as ``{"numbers": "parameters"}``.
+    """
+
+    def __getattr__(self: object, name: str) -> Never:
+        if name in names:
+            raise AttributeError(
+                f"{owner}: '{name}' was renamed - got '{name}', expected '{names[name]}'; use that", name=name, obj=self
+            )
+        raise AttributeError(f"'{owner}' object has no attribute '{name}'", name=name, obj=self)
 
     return __getattr__

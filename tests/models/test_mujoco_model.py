@@ -224,7 +224,7 @@ def test_mode_has_rows_and_no_dynamics():
     assert set(phase.mode.functions) == {"stage", "stage_w", "terminal", "terminal_w", "outputs"}
     assert phase.mode.functions["stage"].name_out() == ["residual", "g", "h"]
     assert (phase.num_stages, phase.mode.nz, phase.mode.nu) == (8, 0, 12)
-    flags = phase.p[:, phase.mode.layout.slices["model.contact"]]
+    flags = phase.p[:, phase.mode.layout.slots["contact"]]
     assert flags[1].tolist() == [1, 1, 1, 1]
     assert flags[2].tolist() == [1, 0, 0, 1]
     assert "friction cone" in str(ocp.describe(compiled))

@@ -7,7 +7,7 @@ import pytest
 from piaffe import models, ocp
 from piaffe.errors import ProblemError, ShapeError
 from piaffe.models import base, feet, joints, stance
-from piaffe.ocp import Vectorised
+from piaffe.ocp import ParameterKey, Vectorised
 
 CHEETAH = models.load("mini_cheetah")
 BODY = models.WholeBody(CHEETAH)
@@ -59,9 +59,9 @@ def walking(friction=0.6, torque=0.1, dt=0.01, motion=None, schedule=None, **opt
     return ocp.compile_problem(ocp.Problem(motion, schedule, objective, limits, initial=BODY.state(), **options))
 
 
-def part(phase, name, p=None):
+def part(phase, key, p=None):
     """Return a named part of a phase's parameters."""
-    return (phase.p if p is None else p)[..., phase.mode.layout.slices[name]]
+    return (phase.p if p is None else p)[..., phase.mode.layout.slices[key]]
 
 
 def columns(phase, group, name, compiled):
@@ -339,8 +339,8 @@ def test_another_bound_or_target_rebuilds_nothing():
     ball(ocp.track("z", to=0.0), rows=[ocp.inequality(height, lower=0.0)])
     changed = ball(ocp.track("z", 3.0, to=1.0, when="drop"), rows=[ocp.inequality(height, lower=-2.0, name="other")])
     assert changed.lowered == 0
-    assert part(changed.phases[0], "term1.target")[0].tolist() == [1.0]
-    assert part(changed.phases[0], "term2.lower")[0].tolist() == [-2.0]
+    assert part(changed.phases[0], ParameterKey("target", term=1))[0].tolist() == [1.0]
+    assert part(changed.phases[0], ParameterKey("lower", term=2))[0].tolist() == [-2.0]
 
 
 def test_another_term_is_built():
@@ -358,11 +358,11 @@ def test_parameters_reach_terms_and_resets():
     motion = ocp.Motion(ocp.Phase("drop", "fall", 0.4, reset=bounce), RISE)
     problem = ocp.Problem(motion, BALL.until_end(dt=0.02), ocp.Objective(CHEAP), rows, initial=[1.0, 0.0])
     drop = ocp.compile_problem(problem).phases[0]
-    assert part(drop, "parameter.gap")[3].tolist() == [0.1]
-    assert drop.p_transition[drop.transition.layout.slices["parameter.restitution"]].tolist() == [0.8]
+    assert part(drop, ParameterKey("parameter", "gap"))[3].tolist() == [0.1]
+    assert drop.p_transition[drop.transition.layout.slices[ParameterKey("parameter", "restitution")]].tolist() == [0.8]
     changed = ocp.compile_problem(problem.with_parameters(gap=0.3, restitution=0.5))
     assert changed.lowered == 0
-    assert part(changed.phases[0], "parameter.gap")[3].tolist() == [0.3]
+    assert part(changed.phases[0], ParameterKey("parameter", "gap"))[3].tolist() == [0.3]
     x, p = np.array([[0.0, -4.0]]), changed.phases[0].p_transition[None]
     assert Vectorised(drop.transition.functions["reset"])(x, np.zeros((1, 0)), p)[0][0] == pytest.approx([0.0, 2.0])
     assert problem.parameters == {}
@@ -382,12 +382,12 @@ def test_parameters_may_be_columns():
     compiled = ball(
         ocp.residual(lambda s: place - cs.vertcat(s.z, s.vz)).weighted(1.0), parameters={"place": (3.0, 4.0)}
     )
-    assert part(compiled.phases[0], "parameter.place")[0].tolist() == [3.0, 4.0]
+    assert part(compiled.phases[0], ParameterKey("parameter", "place"))[0].tolist() == [3.0, 4.0]
 
 
 def test_parameters_of_a_model():
     compiled = walking(parameters={"mini_cheetah.gravity": (0, 0, -1.62)})
-    assert part(compiled.phases[0], "model.gravity")[0].tolist() == [0, 0, -1.62]
+    assert part(compiled.phases[0], ParameterKey("slot", "gravity", model="mini_cheetah"))[0].tolist() == [0, 0, -1.62]
 
 
 def test_what_the_motion_decides_is_no_parameter():
@@ -401,7 +401,7 @@ def test_what_the_motion_decides_is_no_parameter():
 def test_a_term_s_own_numbers_are_parameters():
     compiled = walking(friction=0.35)
     k = next(k for k, term in enumerate(compiled.terms) if term.name == "friction cone")
-    assert part(compiled.phases[0], f"term{k}.mu")[0].tolist() == [0.35]
+    assert part(compiled.phases[0], ParameterKey("parameter", "mu", term=k))[0].tolist() == [0.35]
 
 
 # ---- targets
@@ -409,7 +409,7 @@ def test_a_term_s_own_numbers_are_parameters():
 
 def test_targets_follow_the_path_node_by_node():
     compiled = ball(ocp.track("z", 1.0), phases=(ocp.Phase("drop", "fall", 0.4, {"z": 0.0}), RISE))
-    assert part(compiled.phases[0], "term1.target").ravel() == pytest.approx(np.linspace(1.0, 0.05, 20))
+    assert part(compiled.phases[0], ParameterKey("target", term=1)).ravel() == pytest.approx(np.linspace(1.0, 0.05, 20))
 
 
 def test_a_quantity_by_path_tracks_as_the_quantity_itself():
@@ -421,7 +421,9 @@ def test_a_quantity_by_path_tracks_as_the_quantity_itself():
         ).phases[0]
         for q in ("base.orientation", base.orientation)
     )
-    assert part(by_name, "term1.target") == pytest.approx(part(by_quantity, "term1.target"))
+    assert part(by_name, ParameterKey("target", term=1)) == pytest.approx(
+        part(by_quantity, ParameterKey("target", term=1))
+    )
     assert [row.unit for row in by_name.mode.rows["stage_residual"][12:]] == ["rad"] * 3
 
 
@@ -430,7 +432,7 @@ def test_a_fixed_orientation_may_be_given_by_its_angles():
     for to in ((0, 0, np.pi / 2), (2.0, 0, 0, 2.0)):
         terms = ocp.Objective(ocp.regularize(joints.torque, weight=0.1), ocp.track(base.orientation, to=to))
         phase = ocp.compile_problem(ocp.Problem(motion, BODY.until_end(dt=0.02), terms, initial=BODY.state())).phases[0]
-        assert part(phase, "term1.target")[0] == pytest.approx([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
+        assert part(phase, ParameterKey("target", term=1))[0] == pytest.approx([np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
 
 
 def test_a_term_asks_for_targets_only_where_it_applies():

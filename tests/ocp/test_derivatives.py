@@ -12,7 +12,7 @@ from piaffe import models, ocp
 from piaffe.models import constraints, stance
 from piaffe.ocp.compiler.compiled import CompiledProblem
 from piaffe.ocp.compiler.vectorised import Vectorised
-from piaffe.ocp.reports.derivative_check import Finding, check_derivatives
+from piaffe.ocp.reports.derivative_check import DerivativeCheck, check_derivatives
 from tests.robots import ROBOTS
 
 SHIPPED = {
@@ -141,7 +141,7 @@ def compiled(name: str) -> CompiledProblem:
 
 
 @cache
-def findings(name: str) -> list[Finding]:
+def findings(name: str) -> list[DerivativeCheck]:
     return check_derivatives(compiled(name), points=2)
 
 

@@ -64,6 +64,26 @@ def test_a_boundary_belongs_to_the_later_phase():
     assert path.interval_before(0.2).phase.name == "one"
 
 
+@pytest.mark.parametrize("shift", [-0.9, -0.4, 0.0, 0.4, 0.9])
+def test_times_that_differ_by_rounding_are_the_same(shift):
+    """The path, the references and the timeline read one constant, so that they agree about a boundary."""
+    off = shift * ocp.SAME_TIME
+    path = MOTION.bind((CUT,), {b.quantity: np.zeros(1) for b in CUT.state.blocks})
+    assert path.interval_at(0.2 + off).phase.name == "two"
+    assert path.interval_before(0.2 + off).phase.name == "one"
+    assert whole_steps(0.2 + off, 0.01, "here") == 20
+    (only,) = spans(MOTION, UNCUT.until_end(dt=0.05))
+    assert only.interval_at(0.2 + off, list(MOTION.intervals())).phase.name == "two"
+    assert laid(MOTION, CUT.over(0.2 + off, dt=0.01)) == [("cut", "one", 0.0, 20, True)]
+
+
+def test_a_time_further_off_is_another():
+    path = MOTION.bind((CUT,), {b.quantity: np.zeros(1) for b in CUT.state.blocks})
+    assert path.interval_at(0.2 - 2 * ocp.SAME_TIME).phase.name == "one"
+    with pytest.raises(ProblemError, match="not a whole number of steps"):
+        whole_steps(0.2 + 2 * ocp.SAME_TIME, 0.01, "here")
+
+
 def test_the_horizon_cuts_a_phase_without_ending_it():
     assert laid(MOTION, CUT.over(0.25, dt=0.01)) == [("cut", "one", 0.0, 20, True), ("cut", "two", 0.2, 5, False)]
 
@@ -185,7 +205,7 @@ def cascade():
 
 
 def slot(phase, name, p):
-    return p[..., phase.mode.layout.slices[f"model.{name}"]]
+    return p[..., phase.mode.layout.slots[name]]
 
 
 def test_a_rigid_body_takes_each_node_s_own_contacts(cascade):
@@ -208,7 +228,7 @@ def test_a_touchdown_at_the_junction_belongs_to_the_model_before_it(cascade):
     assert left.end_h_mask.tolist() == [0, 1, 1, 0]
     assert left.resets
     assert left.transition.target is tail.mode.model
-    impact = left.p_transition[left.transition.layout.slices["model.landing"]]
+    impact = left.p_transition[left.transition.layout.slots["landing"]]
     assert impact.tolist() == [0, 1, 1, 0]
 
 

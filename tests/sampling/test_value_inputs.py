@@ -58,7 +58,7 @@ def test_inputs_are_those_of_their_names(nodes: Nodes) -> None:
     np.testing.assert_allclose(seen["joint positions"], states[:, 7:19])
     np.testing.assert_allclose(seen["joint velocities"], states[:, 25:])
     np.testing.assert_allclose(seen["command"], np.tile([0.3, 0.0, 0.0], (20, 1)), atol=1e-9)
-    contact = nodes.running(k, 1).p[0][nodes.mode.layout.slices["model.contact"]]
+    contact = nodes.running(k, 1).p[0][nodes.mode.layout.slots["contact"]]
     np.testing.assert_array_equal(seen["contact"], np.tile(contact, (20, 1)))
 
 

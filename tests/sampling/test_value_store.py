@@ -171,7 +171,7 @@ _PRINT = """
 import hashlib, json, sys
 sys.path.insert(0, {folder!r})
 from value_problem import trot_problem
-from piaffe.ocp.nodes import Nodes
+from piaffe.ocp import Nodes
 from piaffe.sampling import Options, Reward
 from piaffe.sampling.value import ValueInputs, fingerprint
 print(json.dumps(fingerprint(Nodes(trot_problem()), Reward(0.5), Options(), ValueInputs())))
@@ -200,6 +200,25 @@ def test_functions_are_told_apart_by_what_they_say_not_by_how(trot: Any) -> None
     assert differences(first, entries(lambda s: (s.joints.velocity - 1.0) ** 2, upper=4.0, lower=0.0)) != []
     size = ocp.parameter("size", 1.0)
     assert differences(first, entries(lambda s: (s.joints.velocity - size) ** 2)) == []
+
+
+@pytest.mark.parametrize(
+    ("declared", "names"),
+    [
+        ({"weight": 2.0}, ["track base.linear_velocity.weight"]),
+        ({"fastest": 15.0}, ["joint speed.limit"]),
+        ({"limit": 0.3}, ["HAA range.lower", "HAA range.upper"]),
+    ],
+)
+def test_parameters_count_as_if_they_were_declared(declared: Any, names: list[str], trot: Any) -> None:
+    other = trot_problem(**declared)
+    values = {name: ocp.compile_problem(other).parameters[name] for name in names}
+    changed, expected, before = (
+        fingerprint(Nodes(problem), trot.reward, trot.options, ValueInputs())
+        for problem in (trot_problem().with_parameters(values), other, trot_problem())
+    )
+    assert differences(changed, expected) == []
+    assert differences(changed, before) != []
 
 
 def test_differences_name_the_leaf() -> None:

@@ -53,7 +53,10 @@ def row(numbers: dict[str, np.ndarray], i: int) -> dict[str, np.ndarray]:
 @cache
 def one_by_one(backend: str) -> tuple[Solution, ...]:
     starts, numbers = varied()
-    return tuple(MSiLQR(rope().with_numbers(row(numbers, i), starts[i]), backend=backend).solve() for i in range(BATCH))
+    return tuple(
+        MSiLQR(rope().with_parameters(row(numbers, i)).with_start(starts[i]), backend=backend).solve()
+        for i in range(BATCH)
+    )
 
 
 def assert_row(batch: BatchSolution, i: int, alone: Solution) -> None:
@@ -101,7 +104,7 @@ def test_shapes_and_gains(backend: str) -> None:
     assert batch.states.shape == (2, sum(p.num_stages + 1 for p in compiled.phases), 4)
     assert batch.controls.shape == (2, compiled.num_stages, 2)
     for i in range(2):
-        alone = MSiLQR(compiled.with_numbers({}, starts[i]), Options(max_iterations=3), backend=backend).solve()
+        alone = MSiLQR(compiled.with_start(starts[i]), Options(max_iterations=3), backend=backend).solve()
         for phase, policy in zip(batch.phases, alone.phases, strict=True):
             np.testing.assert_allclose(phase.feedback[i], policy.feedback, rtol=1e-6, atol=1e-8)
             np.testing.assert_allclose(phase.feedforward[i], policy.feedforward, rtol=1e-5, atol=1e-8)
@@ -125,7 +128,9 @@ def test_warm_starts_of_every_kind(backend: str) -> None:
     same = solve_batch(rope(), starts, numbers, backend=backend, warm_start=alone[0])
     assert same.iterations[0] == 0
     for i in (0, 3):
-        expected = MSiLQR(rope().with_numbers(row(numbers, i), starts[i]), backend=backend).solve(alone[0])
+        expected = MSiLQR(rope().with_parameters(row(numbers, i)).with_start(starts[i]), backend=backend).solve(
+            alone[0]
+        )
         assert_row(same, i, expected)
 
 
@@ -155,10 +160,10 @@ def test_progress_comes_from_the_calling_thread_and_ends_with_all() -> None:
     assert threads == {threading.get_ident()}
 
 
-# ---- numbers by name
+# ---- parameters by name
 
 
-def test_numbers_of_an_instance_are_those_of_a_declaration_with_them() -> None:
+def test_parameters_of_an_instance_are_those_of_a_declaration_with_them() -> None:
     g = ocp.parameter("g", 9.81)
     drop = ocp.Model("drop", state={"z": 1, "v": 1}, control={"push": 1},
                      modes={"fall": lambda s: {"z": s.v, "v": s.push - g}})  # fmt: skip
@@ -179,11 +184,11 @@ def test_numbers_of_an_instance_are_those_of_a_declaration_with_them() -> None:
         return reach - s.z
 
     base, other = problem(9.81, 0.1, 0.5, 2.0, 3.0), problem(1.62, 0.2, 0.8, np.inf, 2.5)
-    assert base.numbers["g"].tolist() == [9.81]
-    assert base.numbers["ceiling.upper"].tolist() == [2.0]
-    assert other.numbers["ceiling.upper"].tolist() == [np.inf]
-    assert "track z.target" not in base.numbers  # follows the path
-    changed = base.with_numbers({
+    assert base.parameters["g"].tolist() == [9.81]
+    assert base.parameters["ceiling.upper"].tolist() == [2.0]
+    assert other.parameters["ceiling.upper"].tolist() == [np.inf]
+    assert "track z.target" not in base.parameters  # follows the path
+    changed = base.with_parameters({
         "g": 1.62, "regularize push.weight": 0.2, "track z at end.target": 0.8, "ceiling.upper": np.inf,
         "near.reach": 2.5,
     })  # fmt: skip
@@ -203,10 +208,10 @@ def test_terms_of_one_name_are_told_apart() -> None:
     compiled = compile_problem(
         ocp.Problem(problem.motion, problem.schedule, objective, problem.constraints, initial=problem.initial)
     )
-    assert compiled.numbers["track angle[0].weight"].tolist() == [0.5]
-    assert compiled.numbers["track angle[1].weight"].tolist() == [0.25]
-    assert "track angle.weight" not in compiled.numbers
-    phase = compiled.with_numbers({"track angle[1].weight": 0.75}).phases[0]
+    assert compiled.parameters["track angle[0].weight"].tolist() == [0.5]
+    assert compiled.parameters["track angle[1].weight"].tolist() == [0.25]
+    assert "track angle.weight" not in compiled.parameters
+    phase = compiled.with_parameters({"track angle[1].weight": 0.75}).phases[0]
     rows = phase.mode.rows["stage_residual"]
     weights = {compiled.terms[r.term].name + str(r.term): phase.weight[0, j] for j, r in enumerate(rows)}
     assert sorted(v for k, v in weights.items() if k.startswith("track angle")) == [0.5, 0.75]
@@ -214,14 +219,16 @@ def test_terms_of_one_name_are_told_apart() -> None:
 
 def test_weight_stays_zero_where_a_term_does_not_apply() -> None:
     compiled = rope()
-    ends = [phase.end_weight.tolist() for phase in compiled.with_numbers({"track place at end.weight": [1, 2]}).phases]
+    ends = [
+        phase.end_weight.tolist() for phase in compiled.with_parameters({"track place at end.weight": [1, 2]}).phases
+    ]
     assert ends == [[0.0, 0.0], [1.0, 2.0]]
 
 
 def test_problem_is_left_as_it_was() -> None:
     compiled = rope()
     before = [phase.p.copy() for phase in compiled.phases]
-    compiled.with_numbers({"rope.mass": 9.0}, [0.0, 0.0, 0.0, 0.0])
+    compiled.with_parameters({"rope.mass": 9.0}).with_start([0.0, 0.0, 0.0, 0.0])
     for phase, p in zip(compiled.phases, before, strict=True):
         np.testing.assert_array_equal(phase.p, p)
     assert compiled.initial.tolist() == [0.2, 0.1, 1.2, 0.0]
@@ -231,7 +238,9 @@ def test_problem_is_left_as_it_was() -> None:
 
 REFUSED = {
     "name": ({"parameters": {"rope.mas": [1.0]}}, UnknownNameError, "did you mean 'rope.mass'"),
-    "slot of the motion": ({"parameters": {"rope.taut": [1.0]}}, UnknownNameError, "no number 'rope.taut'"),
+    "slot of the motion": (
+        {"parameters": {"rope.taut": [1.0]}}, ProblemError, "parameter 'rope.taut': follows from the motion",
+    ),
     "columns": (
         {"parameters": {"force limit.upper": [1.0, 2.0]}}, ShapeError,
         "'force limit.upper' has the wrong shape - got (2,), expected (batch, 2)",
@@ -245,17 +254,17 @@ REFUSED = {
     "none": ({"initial_states": np.zeros((0, 4))}, ShapeError, "got {'initial states': 0}"),
     "NaN": (
         {"parameters": {"rope.mass": [1.0, np.nan]}}, ProblemError,
-        "solve_batch, instance 1, number 'rope.mass': is not finite - got nan at entry 0",
+        "solve_batch, instance 1, parameter 'rope.mass': is not finite - got nan at entry 0",
     ),
     "infinite weight": (
-        {"parameters": {"regularize tension.weight": [np.inf, 1.0]}}, ProblemError, "instance 0, number 'regularize",
+        {"parameters": {"regularize tension.weight": [np.inf, 1.0]}}, ProblemError, "instance 0, parameter 'regularize",
     ),
     "negative weight": (
-        {"parameters": {"regularize tension.weight": [1.0, -1.0]}}, ProblemError, "instance 1, number 'regularize",
+        {"parameters": {"regularize tension.weight": [1.0, -1.0]}}, ProblemError, "instance 1, parameter 'regularize",
     ),
     "NaN state": (
         {"initial_states": [[0, 0, 0, 0], [0, 0, np.inf, 0]]}, ProblemError,
-        "instance 1, initial state, 'speed x': is not finite - got inf at entry 2",
+        "instance 1: initial state is not finite - got inf at entry 2, 'speed x' of model 'rope'",
     ),
     "bounds": (
         {"parameters": {"tension.lower": [0.0, 70.0]}}, ProblemError,

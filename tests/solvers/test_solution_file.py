@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from piaffe import ocp
 from piaffe.errors import FileFormatError
-from piaffe.solvers import MSiLQR, Options, PhaseSolution, Solution
+from piaffe.solvers import MSiLQR, Options, PhaseSolution, Solution, Violation
 from piaffe.solvers.solution import file as solution_file
 
 from ..problems import flying_body, rope
@@ -218,6 +219,19 @@ def test_version_that_is_no_number(saved: Path, version: object) -> None:
     rewrite(saved, version=version)
     with pytest.raises(FileFormatError, match=r"file 'rope.npz': .*version"):
         Solution.load(saved)
+
+
+def test_violations_of_a_file_of_version_1_load(saved: Path) -> None:
+    """The entries as version 1 has always written them, in its order."""
+    entry = {
+        "name": "force limit x upper", "phase": "throw", "node": 3, "amount": 0.25, "unit": "N", "kind": "inequality",
+        "source": "problems.py:12", "multiplier": 1.5,
+    }  # fmt: skip
+    rewrite(saved, violations=[entry])
+    loaded = Solution.load(saved)
+    assert loaded.violations == (Violation(**entry),)
+    assert Violation is ocp.Violation
+    assert "missed by 0.25 N; it pushes with 1.5" in loaded.explain()
 
 
 @pytest.mark.parametrize("entry", ["status", "phases", "history", "cost", "models", "violations"])

@@ -12,7 +12,15 @@ from rich.console import Console
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from piaffe.ocp import CompiledProblem, ConstraintReport, CostReport, Finding, Kind, Trajectory, Verification
+    from piaffe.ocp import (
+        CompiledProblem,
+        ConstraintReport,
+        CostReport,
+        DerivativeCheck,
+        Kind,
+        Trajectory,
+        Verification,
+    )
     from piaffe.solvers import Solution
 
 KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality")
@@ -133,7 +141,7 @@ def print_verification(console: Console, result: Verification, values: dict[str,
 # ---- check
 
 
-def print_derivatives(console: Console, findings: list[Finding]) -> None:
+def print_derivatives(console: Console, findings: list[DerivativeCheck]) -> None:
     """Print how the derivatives agree: one line per mode or reset, then what does not agree."""
     table = new_table("derivatives of", ">blocks", ">largest error", ">trusted to", ">order", "at")
     for where in dict.fromkeys(finding.where for finding in findings):

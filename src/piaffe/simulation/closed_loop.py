@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError
 from piaffe.models import Fall, Mujoco, base
+from piaffe.ocp import is_same_time
 
 from .controller import Controller, Plan, TickingController
 from .episode import Episode
@@ -118,7 +119,7 @@ def _ticks(controller: Controller, plant: Mujoco) -> int:
     if not isinstance(controller, TickingController):
         return 0
     ticks = round(controller.tick_dt / plant.timestep)
-    if ticks < 1 or abs(ticks * plant.timestep - controller.tick_dt) > 1e-9 or plant.substeps % ticks:
+    if ticks < 1 or not is_same_time(ticks * plant.timestep, controller.tick_dt) or plant.substeps % ticks:
         raise SamplingError(
             f"episode: time between ticks is out of range - got {controller.tick_dt:g} s, expected a multiple of the "
             f"plant's {plant.timestep:g} s of which {controller.dt:g} s is a multiple; change one of them"
@@ -134,7 +135,7 @@ def _lag(controller: Controller, plant: Any, latency: float) -> int:
             f"episode: plant is unusable - got {name!r}, expected a models.Mujoco with the joints of robot '{robot}'; "
             "make it with model.as_plant()"
         )
-    if abs(plant.dt - controller.dt) > 1e-9:
+    if not is_same_time(plant.dt, controller.dt):
         raise SamplingError(
             f"episode: plant '{plant.name}' has another control step - got {plant.dt:g} s, expected {controller.dt:g} "
             "s; make it with model.as_plant()"

@@ -5,21 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import PhaseTrajectory, Trajectory
+from piaffe.ocp import SAME_TIME, PhaseTrajectory, Trajectory
 
 Array = NDArray[np.float64]
-
-_SAME_TIME_S = 1e-9  # a time this little before a node is the node's
 
 
 def phase_index(trajectory: Trajectory, t: float) -> int:
     """Return the phase at time t [s]; the later one on a boundary, the first one before the start."""
-    return max((i for i, part in enumerate(trajectory.phases) if part.times[0] <= t + _SAME_TIME_S), default=0)
+    return max((i for i, part in enumerate(trajectory.phases) if part.times[0] <= t + SAME_TIME), default=0)
 
 
 def node_before(part: PhaseTrajectory, t: float) -> tuple[int, float]:
     """Return the stage that contains time t [s], and the share of it that has passed; clamped to the phase."""
-    k = int(np.clip(np.searchsorted(part.times, t + _SAME_TIME_S, side="right") - 1, 0, len(part.times) - 2))
+    k = int(np.clip(np.searchsorted(part.times, t + SAME_TIME, side="right") - 1, 0, len(part.times) - 2))
     return k, float(np.clip((t - part.times[k]) / (part.times[k + 1] - part.times[k]), 0.0, 1.0))
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError
 from piaffe.files import whole_file
+from piaffe.ocp import SAME_TIME
 
 from .curves import Panel, feet_of, forces, panels, stance_feet
 from .diagrams import cone, cone_use, cost, defects, draw_panel, normal_forces, over_time, shade, terms, violations
@@ -164,5 +165,5 @@ def _spans(part: Any, foot: str, down: Sequence[str] | None, times: Array, force
         return [(part.times[0], part.times[-1])] if foot in down else []
     return [
         (a, b) for a, b in pairwise(part.times)
-        if np.any(np.abs(force[np.searchsorted(times, a + 1e-9) - 1]) > 1e-6)
+        if np.any(np.abs(force[np.searchsorted(times, a + SAME_TIME) - 1]) > 1e-6)
     ]  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 
 from piaffe import ocp
 from piaffe.errors import ProblemError, SolverError
-from piaffe.ocp import CompiledProblem, Trajectory, compile_problem
+from piaffe.ocp import CompiledProblem, ParameterKey, Trajectory, compile_problem
 from piaffe.solvers import MSiLQR, Options, Solution, Status
 
 from ...problems import PROBLEMS, rope
@@ -43,7 +43,7 @@ def cart(
 # ---- refused before the solve
 
 
-def poison(problem: CompiledProblem, name: str, bad: float) -> CompiledProblem:
+def poison(problem: CompiledProblem, name: str | ParameterKey, bad: float) -> CompiledProblem:
     """Return a problem with one bad number."""
     first, *rest = problem.phases
     if name == "initial":
@@ -52,12 +52,13 @@ def poison(problem: CompiledProblem, name: str, bad: float) -> CompiledProblem:
         return replace(problem, initial=initial)
     if name == "transition":
         p = first.p_transition.copy()
-        p[first.transition.layout.slices["model.mass"]] = bad
+        p[first.transition.layout.slots["mass"]] = bad
         return replace(problem, phases=(replace(first, p_transition=p), *rest))
     if name in ("weight", "end_weight", "guess_states", "g_mask"):
         table = getattr(first, name).copy()
         table.reshape(-1)[-1] = bad
         return replace(problem, phases=(replace(first, **{name: table}), *rest))
+    assert isinstance(name, ParameterKey)
     p = first.p.copy()
     p[4, first.mode.layout.slices[name]] = bad
     return replace(problem, phases=(replace(first, p=p), *rest))
@@ -68,19 +69,24 @@ def poison(problem: CompiledProblem, name: str, bad: float) -> CompiledProblem:
 @pytest.mark.parametrize(
     ("name", "told"),
     [
-        ("initial", "initial state of model 'rope', 'place z' is not finite - got {} at entry 1"),
-        ("model.mass", "model 'rope', number 'mass', phase 'throw', node 4 is not finite - got {} at entry 0"),
+        ("initial", "compiled problem: initial state is not finite - got {} at entry 1, 'place z' of model 'rope'"),
+        (
+            ParameterKey("slot", "mass", model="rope"),
+            "model 'rope', number 'mass', phase 'throw', node 4 is not finite - got {} at entry 0",
+        ),
         ("transition", "model 'rope', number 'mass', phase 'throw', reset is not finite - got {} at entry 0"),
-        ("term0.weight", "term 'regularize force' (problems.py:"),
-        ("term2.target", "target, phase 'throw', node 4 is not finite - got {} at entry 0"),
-        ("term5.upper", "constraint 'force limit' (problems.py:"),
+        (ParameterKey("weight", term=0), "term 'regularize force' (problems.py:"),
+        (ParameterKey("target", term=2), "target, phase 'throw', node 4 is not finite - got {} at entry 0"),
+        (ParameterKey("upper", term=5), "constraint 'force limit' (problems.py:"),
         ("weight", "term 'regularize tension' (problems.py:"),
         ("end_weight", "phase 0 'throw' (problems.py:"),
         ("guess_states", "node 20: initial guess of the states is not finite - got {} at entry 3"),
         ("g_mask", "node 19: mask is not finite - got {}"),
     ],
 )
-def test_number_that_is_not_finite_is_refused_by_name(name: str, told: str, bad: float, backend: str) -> None:
+def test_number_that_is_not_finite_is_refused_by_name(
+    name: str | ParameterKey, told: str, bad: float, backend: str
+) -> None:
     problem = poison(compile_problem(rope()), name, bad)
     with pytest.raises(ProblemError, match=re.escape(told.format(bad))) as caught:
         MSiLQR(problem, backend=backend).solve()
@@ -204,7 +210,7 @@ def test_implicit_dynamics_without_a_solution_are_named() -> None:
     problem = compile_problem(rope())
     first, second = problem.phases
     p = second.p.copy()
-    p[5:, second.mode.layout.slices["model.mass"]] = 0.0
+    p[5:, second.mode.layout.slots["mass"]] = 0.0
     for backend in BACKENDS:
         solution = MSiLQR(replace(problem, phases=(first, replace(second, p=p))), backend=backend).solve()
         assert solution.status is Status.NOT_FINITE

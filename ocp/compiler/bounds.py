@@ -1,0 +1,39 @@
+"""Bounds of constraints among the parameters: that the lower ones are not above the upper ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import ProblemError
+
+from ..language import Constraint, Cost, ParameterKey
+from .mode import LoweredMode
+
+
+def check_bounds(mode: LoweredMode, terms: Sequence[Cost | Constraint], p: NDArray[np.float64]) -> None:
+    """Raise if the bounds of a constraint exclude each other.
+
+    Args:
+        mode: the mode, for its layout.
+        terms: the problem's.
+        p: parameters of nodes (n, np).
+    """
+    slices = mode.layout.slices
+    for k in mode.bound:
+        lower, upper = ParameterKey("lower", term=k), ParameterKey("upper", term=k)
+        if lower not in slices or upper not in slices:
+            continue
+        both = p[:, slices[lower.has_bound]] * p[:, slices[upper.has_bound]]
+        least, most = p[:, slices[lower]], p[:, slices[upper]]
+        wrong = np.argwhere((both > 0) & (least > most))
+        if wrong.size:
+            node, row = (int(i) for i in wrong[0])
+            term = terms[k]
+            raise ProblemError(
+                f"{term.where}, model '{mode.model.name}', row {row}: bounds exclude each other - got lower "
+                f"{least[node, row]:g} above upper {most[node, row]:g} [{term.unit or '-'}], expected lower ≤ upper; "
+                "swap them"
+            )

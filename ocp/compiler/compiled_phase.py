@@ -1,0 +1,68 @@
+"""Compiled phases: what the solvers see of a part of the horizon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..language import PlacedPhase
+from .mode import LoweredMode
+from .transition import LoweredTransition
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledPhase:
+    """A part of the horizon with one mode and one time step.
+
+    Args:
+        name: the motion phase's name.
+        label: the mode as text.
+        interval: the motion phase (the first one, if a model spans several).
+        mode: functions.
+        dt: time step [s].
+        times: node times (N+1,) [s].
+        p: parameters of the stages (N, np).
+        p_end: parameters of the last node (np,).
+        applies: which terms count at which node (N+1, terms); weights and targets may change where they do.
+        weight: residual weights of the stages (N, nr), masks folded in.
+        g_mask: 0 or 1 per stage and inequality row (N, ng).
+        h_mask: the same for equalities (N, nh).
+        end_weight, end_g_mask, end_h_mask: the same for the last node's rows.
+        ends_phase: whether the motion's phase ends at the last node.
+        transition: to the next phase; None at the end of the horizon.
+        p_transition: its parameters.
+        resets: whether the transition does more than copy the state (an impact, a user's reset, another model).
+        guess_states: initial guess (N+1, nx).
+        guess_controls: initial guess (N, nu).
+    """
+
+    name: str
+    label: str
+    interval: PlacedPhase
+    mode: LoweredMode
+    dt: float
+    times: Array
+    p: Array
+    p_end: Array
+    applies: NDArray[np.bool_]
+    weight: Array
+    g_mask: Array
+    h_mask: Array
+    end_weight: Array
+    end_g_mask: Array
+    end_h_mask: Array
+    ends_phase: bool
+    transition: LoweredTransition | None
+    p_transition: Array
+    resets: bool
+    guess_states: Array
+    guess_controls: Array
+
+    @property
+    def num_stages(self) -> int:
+        """N."""
+        return len(self.p)

@@ -1,0 +1,69 @@
+"""Renumbered phases: a compiled phase with other values of its parameters."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from ..language import Constraint, Cost, ParameterKey
+from .bounds import check_bounds
+from .compiled_phase import CompiledPhase
+from .parameters import tables
+from .vectorised import Vectorised
+
+Array = NDArray[np.float64]
+Values = Mapping[ParameterKey, Array]
+
+
+def renumbered(phase: CompiledPhase, terms: Sequence[Cost | Constraint], values: Values) -> CompiledPhase:
+    """Return a phase with other values of some parameters.
+
+    Args:
+        phase: the phase.
+        terms: the problem's.
+        values: checked values (size,); those of other models are skipped.
+
+    Raises:
+        ProblemError: bounds exclude each other.
+    """
+    layouts = [phase.mode.layout, *([phase.transition.layout] if phase.transition is not None else [])]
+    if not any(key in layout.slices for key in values for layout in layouts):
+        return phase
+    changed = replace(phase, p=phase.p.copy(), p_end=phase.p_end.copy(), p_transition=phase.p_transition.copy())
+    for layout, table, applies in tables(changed):
+        for key, value in values.items():
+            part = layout.slices.get(key)
+            if part is None:
+                continue
+            if key.kind in ("weight", "target"):
+                table[applies[:, key.term], part] = value
+            elif key.is_bound:
+                table[:, part] = np.where(np.isfinite(value), value, 0.0)
+                table[:, layout.slices[key.has_bound]] = np.isfinite(value)
+            else:
+                table[:, part] = value
+    if any(key.is_bound for key in values):
+        check_bounds(phase.mode, terms, changed.p)
+    weight, g_mask, h_mask = _evaluate(phase.mode.functions["stage_w"], changed.p)
+    end = _evaluate(phase.mode.functions["terminal_w"], changed.p_end[None])
+    return replace(
+        changed, weight=weight, g_mask=g_mask, h_mask=h_mask, end_weight=end[0][0], end_g_mask=end[1][0],
+        end_h_mask=end[2][0],
+    )  # fmt: skip
+
+
+def _evaluate(function: cs.Function, p: Array) -> list[Array]:
+    """Return weights and masks; instances are made in several threads, and buffers are not shared between them."""
+    if not hasattr(_OWN, "functions"):
+        _OWN.functions = lru_cache(maxsize=64)(Vectorised)
+    results: list[Array] = _OWN.functions(function)(p)
+    return results
+
+
+_OWN = threading.local()

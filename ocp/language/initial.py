@@ -1,0 +1,47 @@
+"""The initial state: one check for problems, compiled problems and batches."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ProblemError, ShapeError
+
+from .model import ModelBase
+from .user_input import numbers_of
+
+
+def initial_state(model: ModelBase, initial: ArrayLike, where: str) -> NDArray[np.float64]:
+    """Return an initial state of a model, (nx,), its quaternions of unit length.
+
+    Args:
+        model: the first model of the horizon.
+        initial: what is given.
+        where: the declaration or the call, for messages.
+
+    Raises:
+        ShapeError: it has another size.
+        ProblemError: it is no number, it is not finite, or a quaternion is zero.
+    """
+    state = model.state
+    x = numbers_of(initial, where, "initial state")
+    if x.shape != (state.nx,):
+        layout = ", ".join(f"{block.quantity.path} {block.nx}" for block in state.blocks)
+        raise ShapeError(
+            f"{where}: initial state has the wrong size for model '{model.name}' - got shape {x.shape}, expected "
+            f"({state.nx},): {layout}; build it with the model's state()"
+        )
+    bad = np.flatnonzero(~np.isfinite(x))
+    if bad.size:
+        entry = int(bad[0])
+        raise ProblemError(
+            f"{where}: initial state is not finite - got {x[entry]} at entry {entry}, '{state.stored_labels[entry]}' "
+            f"of model '{model.name}', expected finite numbers; fix it"
+        )
+    for quantity, part in state.slices.items():
+        if quantity.kind == "rotation" and not np.any(x[part]):
+            raise ProblemError(
+                f"{where}: initial state has no '{quantity}' - got a quaternion of zeros, expected one of unit length, "
+                "(1, 0, 0, 0) for none; build it with the model's state()"
+            )
+    return state.np_normalise(x)

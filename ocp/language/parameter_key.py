@@ -1,0 +1,55 @@
+"""Keys of parameters: what each part of a node's parameter vector ``p`` holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+ParameterKind = Literal[
+    "dt", "slot", "parameter", "weight", "target", "lower", "upper", "active", "has_lower", "has_upper"
+]
+
+
+@dataclass(frozen=True)
+class ParameterKey:
+    """What a part of a node's parameter vector ``p`` holds.
+
+    =====================================================  ===========================================================
+    key                                                    part
+    =====================================================  ===========================================================
+    ``ParameterKey("dt")``                                 the time step [s]
+    ``ParameterKey("slot", "contact", model="solo12")``    a :class:`Slot` of a model
+    ``ParameterKey("parameter", "mu")``                    an ``ocp.parameter``
+    ``ParameterKey("parameter", "mu", term=3)``            a parameter of the term itself
+    ``ParameterKey("weight", term=3)``                     a cost's weights, ``"target"`` its target
+    ``ParameterKey("lower", term=3)``                      a constraint's bounds, ``"upper"`` those of the other side
+    ``ParameterKey("has_lower", term=3)``                  1 per row that has this bound, 0 if it is infinite
+    ``ParameterKey("active", term=3)``                     1 where a constraint applies, 0 elsewhere
+    =====================================================  ===========================================================
+
+    Args:
+        kind: what it is.
+        name: name of the slot or of the parameter; empty for the other kinds.
+        model: name of the model that has the slot; empty for the other kinds.
+        term: index into the problem's terms; None for what belongs to no term.
+    """
+
+    kind: ParameterKind
+    name: str = ""
+    model: str = ""
+    term: int | None = None
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether it is a constraint's bound, which may be infinite."""
+        return self.kind in _HAS
+
+    @property
+    def has_bound(self) -> ParameterKey:
+        """The key of the flags that say which entries of this bound are finite."""
+        return ParameterKey(_HAS[self.kind], term=self.term)
+
+
+_HAS: dict[ParameterKind, ParameterKind] = {"lower": "has_lower", "upper": "has_upper"}
+
+TIME_STEP = ParameterKey("dt")
