@@ -1,0 +1,178 @@
+"""A plan's numbers against the declaration, computed here from the states and controls that the plan was made from."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from piaffe import models, ocp, sampling
+from piaffe.models import base, joints, stance
+
+from . import by_hand
+
+DT, STEPS = 0.02, 4
+ARRIVAL, END = 0.12, 0.2  # [s]
+GOAL = np.array([0.06, -0.03, 0.25])  # [m]
+PLACE, SPEED, TURN, TORQUE, LAST = np.array([30.0, 20.0, 90.0]), 0.02, 4.0, 0.05, np.array([50.0, 0.0, 80.0])
+KP, KD = 4.0, 0.2  # of Solo12's default action: 2.7 Nm over 0.675 rad, and 0.05 s times that
+TIMES = (0.0, 0.06, 0.16)  # of plans: nodes before the arrival, across it, and beyond the motion's end
+
+
+@lru_cache
+def problem():
+    """Return a walk of the base to a place in 0.12 s and a rest there until 0.2 s, with terms of every kind."""
+    plant = models.Mujoco(models.load("solo12"))
+    on_all = stance("FL FR HL HR")
+    motion = ocp.Motion(
+        ocp.Phase("go", on_all, ARRIVAL, ocp.Keyframe(position=GOAL)), ocp.Phase("stay", on_all, END - ARRIVAL)
+    )
+    objective = ocp.Objective(
+        ocp.track(base.position, weight=PLACE),
+        ocp.track(joints.velocity, weight=SPEED),
+        ocp.regularize(joints.torque, weight=TORQUE),
+        ocp.track(base.orientation, weight=ocp.by_phase(0.0, stay=TURN)),
+        ocp.track(base.position, weight=LAST, at="end"),
+    )
+    limits = ocp.Constraints(
+        models.joint_range("HAA", 0.05, scale=0.05),
+        models.base_height(maximum=0.22, scale=0.1),
+        ocp.inequality(_knee, upper=1.0, unit="rad/s", name="knee", when="stay"),
+    )
+    return ocp.Problem(motion, plant.over(STEPS * DT, dt=DT), objective, limits, initial=plant.state(joints="stand"))
+
+
+def _knee(s):
+    return s.joints.velocity["FL_KFE"]
+
+
+def plans_of(kind, **options):
+    """Return a controller with one sample and one stage, and its plans at ``TIMES``, each with (states, controls)."""
+    controller = kind(problem(), samples=1, knots=STEPS, first_stages=1, temperature=5.0, engine="native", **options)
+    before, made = None, []
+    for t in TIMES:
+        start = problem().initial if before is None else before.states[0, 2].copy()
+        plan = controller.plan(start, t)
+        states, rows = plan.states.copy(), (plan.cost.copy(), plan.violation.copy())
+        made.append((plan, states, by_hand.rolled_out(controller, plan, before), *rows))
+        before = plan
+    return controller, made
+
+
+# ---- the declaration once more, in NumPy
+
+
+def target(t):
+    """Return where the base is to be at times (...,), (..., 3) [m]: on a straight line from its start, then at rest."""
+    start = problem().initial[:3]
+    return start + np.minimum(np.asarray(t) / ARRIVAL, 1.0)[..., None] * (GOAL - start)
+
+
+def nodes(t):
+    """Return the times of nodes 0 … H of a plan from t on, (H + 1,) [s]; beyond the motion's end it rests."""
+    return np.minimum(t + DT * np.arange(STEPS + 1), END)
+
+
+def stays(t):
+    """Return which nodes are in the second phase, (H + 1,); a boundary belongs to the later one."""
+    return nodes(t) > ARRIVAL - 1e-6
+
+
+def running_cost(states, controls, t):
+    """Return ½ Σ w r² of the running terms at nodes 0 … H, (n, H + 1)."""
+    place = states[..., :3] - target(nodes(t))
+    torque = KP * (controls - states[..., 7:19]) - KD * states[..., 25:]
+    angle = 2 * np.arctan2(np.linalg.norm(states[..., 4:7], axis=-1), np.abs(states[..., 3]))  # from upright [rad]
+    rates = (PLACE @ np.moveaxis(place**2, -1, -2), SPEED * np.sum(states[..., 25:] ** 2, axis=-1),
+             TORQUE * np.sum(torque**2, axis=-1), TURN * stays(t) * angle**2)  # fmt: skip
+    return 0.5 * sum(rates)
+
+
+def last_cost(states, t):
+    """Return ½ Σ w r² of the term at the end, at node H + 1, (n,)."""
+    return 0.5 * (states[:, :3] - target(min(t + (STEPS + 1) * DT, END))) ** 2 @ LAST
+
+
+def violations(states, t):
+    """Return the violations of all rows over their scales, (10, n, H + 1)."""
+    sideways = np.moveaxis(states[..., 7:19:3], -1, 0)
+    height, knee = states[..., 2], states[..., 27]  # the ground is at height 0
+    rows = [-0.05 - sideways, sideways - 0.05, (height - 0.22)[None], ((knee - 1.0) * stays(t))[None]]
+    return np.maximum(np.concatenate(rows), 0.0) / np.repeat([0.05, 0.05, 0.1, 1.0], [4, 4, 1, 1])[:, None, None]
+
+
+def softmax(returns, temperature=5.0):
+    weights = np.exp((returns - returns.max()) / (temperature * returns.std()))
+    return weights / weights.sum()
+
+
+# ---- plans
+
+
+@pytest.mark.parametrize("kind", [sampling.MPPI, sampling.TDCDMPPI])
+def test_cost_and_violation_of_a_plan_are_those_of_its_nodes(kind):
+    seen = []
+    for t, (plan, states, controls, cost, violation) in zip(TIMES, plans_of(kind)[1], strict=True):
+        assert cost == pytest.approx(running_cost(states[:, :-1], controls, t), rel=1e-9)
+        assert violation == pytest.approx(violations(states[:, :-1], t), abs=1e-12)
+        worst = np.array([violation[:8].max(axis=0), violation[8], violation[9]]) @ np.ones(STEPS + 1) / (STEPS + 1)
+        assert list(plan.missed) == ["HAA range", "base height", "knee"]
+        assert list(plan.missed.values()) == pytest.approx(worst @ plan.weights)
+        seen.append(violation.max(axis=(1, 2)))
+    assert np.max(seen, axis=0)[8:].min() > 0  # a row that is never violated would show nothing
+    assert np.max(seen, axis=0)[:8].max() > 0
+
+
+def test_return_of_mppi_is_the_mean_reward_the_end_included():
+    _, plans = plans_of(sampling.MPPI, reward=sampling.Reward(2.0))
+    for t, (plan, states, controls, *_) in zip(TIMES, plans, strict=True):
+        rewards = np.exp(-running_cost(states[:, :-1], controls, t) / 2.0)
+        last = np.exp(-last_cost(states[:, -1], t) / 2.0)
+        assert plan.returns == pytest.approx((rewards.sum(axis=1) + last) / (STEPS + 2), rel=1e-9)
+        assert plan.weights == pytest.approx(softmax(plan.returns), rel=1e-9)
+
+
+@pytest.mark.parametrize("has_value", [False, True])
+def test_return_of_td_cd_mppi_is_the_discounted_sum_written_out(has_value):
+    asked = []
+
+    def value(states, k, nodes):
+        asked.append(k)
+        return 3.0 + states[:, 0]
+
+    shares = {"HAA range": 0.3, "base height": 0.1, "knee": 0.6}
+    own = {"value": value} if has_value else {}
+    controller, plans = plans_of(sampling.TDCDMPPI, p_max=shares, discount=0.8, violation_rate=0.25, **own)
+    share, highest = np.repeat([0.3, 0.1, 0.6], [8, 1, 1]), None
+    for t, (plan, states, controls, *_) in zip(TIMES, plans, strict=True):
+        rewards = np.exp(-running_cost(states[:, :-1], controls, t))
+        rows = violations(states[:, :-1], t)
+        largest = rows.max(axis=(1, 2))
+        highest = largest if highest is None else 0.75 * highest + 0.25 * largest
+        for n in range(2):
+            weight, total = 1.0, 0.0
+            for h in range(STEPS + 1):
+                parts = np.clip(rows[:, n, h] / np.maximum(highest, 1e-3), 0.0, 1.0)
+                weight *= 0.8 * (1.0 - np.max(share * parts))
+                total += weight * rewards[n, h]
+            last = 3.0 + states[n, -1, 0] if has_value else np.exp(-last_cost(states[n : n + 1, -1], t)[0])
+            assert plan.returns[n] == pytest.approx(total + weight * last, rel=1e-9)
+        assert plan.weights == pytest.approx(softmax(plan.returns), rel=1e-9)
+    assert asked == ([round(t / DT) + STEPS + 1 for t in TIMES] if has_value else [])
+    controller.reset()
+    again = controller.plan(problem().initial, 0.0)
+    assert again.returns == pytest.approx(plans[0][0].returns, rel=1e-12)  # maxima begin anew, too
+
+
+def test_an_episodes_costs_and_violations_are_those_of_its_steps():
+    controller, _ = plans_of(sampling.TDCDMPPI)
+    episode = sampling.run_episode(controller, steps=STEPS + 1, start=0.06)
+    states, actions = episode.states[None, :-1], episode.actions[None]
+    assert episode.cost == pytest.approx(running_cost(states, actions, 0.06)[0], rel=1e-9)
+    assert episode.reward == pytest.approx(np.exp(-episode.cost))
+    assert episode.violation == pytest.approx(violations(states, 0.06)[:, 0], abs=1e-12)
+    assert episode.violation.max() > 0
+    assert episode.times == pytest.approx(0.06 + DT * np.arange(STEPS + 2))
+    way = (target(0.16) - target(0.06))[:2]
+    assert episode.commanded == pytest.approx(np.linalg.norm(way))
+    covered = episode.states[-1, :2] - episode.states[0, :2]
+    assert episode.distance == pytest.approx(covered @ way / np.linalg.norm(way))
