@@ -176,3 +176,54 @@ def test_an_episodes_costs_and_violations_are_those_of_its_steps():
     assert episode.commanded == pytest.approx(np.linalg.norm(way))
     covered = episode.states[-1, :2] - episode.states[0, :2]
     assert episode.distance == pytest.approx(covered @ way / np.linalg.norm(way))
+
+
+def test_maxima_do_not_see_rollouts_that_failed():
+    controller = sampling.TDCDMPPI(problem(), samples=3, first_stages=1, engine="native", discount=0.8, p_max=0.5)
+    rollout = controller.engine.rollout
+
+    def broken(*arguments):
+        rolled = rollout(*arguments)
+        rolled.states[1, 1:, 2], rolled.failed[1] = 50.0, True  # far above the limit on the base's height
+        return rolled
+
+    controller.engine.rollout = broken
+    plan = controller.plan(problem().initial, 0.06)
+    alive = np.array([True, False, True, True])
+    assert plan.violation[8, 1].max() > 100 * plan.violation[8, alive].max() > 0
+    shares = np.clip(plan.violation / np.maximum(plan.violation[:, alive].max(axis=(1, 2)), 1e-3)[:, None, None], 0, 1)
+    weights = np.cumprod(0.8 * (1 - 0.5 * shares.max(axis=0)), axis=1)
+    expected = np.sum(weights * np.exp(-plan.cost), axis=1) + weights[:, -1] * np.exp(
+        -last_cost(plan.states[:, -1], 0.06)
+    )
+    assert plan.returns[alive] == pytest.approx(expected[alive], rel=1e-9)
+
+
+# ---- perturbations
+
+
+def perturbations(**options):
+    """Return what each of three stages of a plan adds to its nodes, (3, n, H + 1, nu), in halves of the range."""
+    settings = {"samples": 40, "knots": STEPS, "sigma": 0.05, "first_stages": 3, "engine": "native", "seed": 5}
+    controller = sampling.MPPI(problem(), **{**settings, **options})
+    rollout, seen = controller.engine.rollout, []
+
+    def watched(start, controls):
+        seen.append(controls[:-1] - controls[-1])
+        return rollout(start, controls)
+
+    controller.engine.rollout = watched
+    controller.plan(problem().initial, 0.0)
+    return np.array(seen) / controller.model.action.half_range
+
+
+def test_perturbations_shrink_from_stage_to_stage_and_towards_the_horizons_start():
+    full = perturbations(stage_factor=1.0, node_factor=1.0)
+    assert np.all(full[:, :, 0] == 0.0)  # this one is being applied
+    assert np.std(full[:, :, 1:], axis=(1, 3)) == pytest.approx(0.05, rel=0.2)
+    stages, nodes = np.arange(3)[:, None, None, None], np.arange(STEPS + 1)[:, None]
+    by_factors = perturbations(stage_factor=0.5, node_factor=0.8)
+    assert by_factors == pytest.approx(full * 0.5**stages * 0.8 ** (STEPS - nodes), abs=1e-12)
+    exponent = stages / (0.7 * 3) + (STEPS - nodes) / (0.9 * STEPS)
+    published = perturbations(stage_factor=0.7, node_factor=0.9, noise="exponential")
+    assert published == pytest.approx(full * np.exp(-exponent), abs=1e-12)
