@@ -64,6 +64,16 @@ def test_constant_violation_shortens_the_horizon() -> None:
     assert_worth(learned.network(chain().inputs), 0.8 * gamma / (1 - gamma))
 
 
+def test_what_is_learnt_from_is_the_target_network_which_follows_slowly() -> None:
+    """With a target that stays where it began, V is γ₀ (r + V₀(x')) of the first network, not the fixed point."""
+    transitions, still = chain(0.8), replace(SMALL, target_rate=1e-9)
+    first = learn(transitions, replace(still, updates=1, learning_rate=1e-12)).network
+    targets = 0.9 * (0.8 + np.asarray(first(transitions.next_inputs), dtype=float))
+    values = learn(transitions, replace(still, updates=4000)).network(transitions.inputs)
+    assert np.mean(values) == pytest.approx(np.mean(targets), rel=2e-2)
+    assert np.mean(targets) < 0.5 * 9 * 0.8
+
+
 def test_a_fall_is_worth_nothing_afterwards() -> None:
     falls = Transitions(**{**vars(chain(0.8)), "done": np.ones(600, dtype=bool)})
     assert_worth(learn(falls, SMALL).network(falls.inputs), 0.9 * 0.8)
