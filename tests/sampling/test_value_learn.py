@@ -69,9 +69,9 @@ def test_what_is_learnt_from_is_the_target_network_which_follows_slowly() -> Non
     transitions, still = chain(0.8), replace(SMALL, target_rate=1e-9)
     first = learn(transitions, replace(still, updates=1, learning_rate=1e-12)).network
     targets = 0.9 * (0.8 + np.asarray(first(transitions.next_inputs), dtype=float))
-    values = learn(transitions, replace(still, updates=4000)).network(transitions.inputs)
-    assert np.mean(values) == pytest.approx(np.mean(targets), rel=2e-2)
-    assert np.mean(targets) < 0.5 * 9 * 0.8
+    values = learn(transitions, replace(still, updates=2000)).network(transitions.inputs)
+    assert np.mean(values) == pytest.approx(np.mean(targets), rel=5e-2)
+    assert np.mean(targets) < 0.3 * 9 * 0.8
 
 
 def test_a_fall_is_worth_nothing_afterwards() -> None:
