@@ -264,6 +264,16 @@ def test_a_term_binds_to_every_model_that_has_its_quantity():
     assert "left out by the schedule" in text
 
 
+def test_what_one_segment_leaves_out_holds_in_another_of_the_same_model():
+    floor, ceiling = ocp.inequality(height, name="floor"), ocp.inequality(speed, name="slow")
+    schedule = (
+        BALL.over(0.2, dt=0.02).without(floor) + BALL.over(0.2, dt=0.02) + BALL.over(0.2, dt=0.02).without(ceiling)
+    )
+    compiled = ball(rows=[floor, ceiling], phases=(ocp.Phase("drop", "fall", 0.6),), schedule=schedule)
+    names = [[compiled.term_name(row) for row in phase.mode.rows["stage_g"]] for phase in compiled.phases]
+    assert names == [["slow"], ["floor", "slow"], ["floor"]]
+
+
 # ---- resets
 
 

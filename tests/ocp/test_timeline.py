@@ -241,3 +241,17 @@ def test_lifting_a_foot_is_no_touchdown(cascade):
     stand = cascade.phases[0]
     assert not stand.end_h_mask.any()
     assert not stand.resets
+
+
+def test_feet_lift_at_the_first_two_nodes_after_their_stance(cascade):
+    stand, left, _ = cascade.phases
+    assert not slot(stand, "lifting", stand.p).any()
+    assert slot(left, "lifting", left.p).tolist() == [[0, 1, 1, 0], [0, 1, 1, 0], [0] * 4, [0] * 4, [0] * 4]
+    assert not slot(left, "lifting", left.p_end).any()
+
+
+def test_a_transition_has_the_time_step_of_the_model_that_ends(cascade):
+    stand, left, tail = cascade.phases
+    assert tail.dt == 0.05
+    for phase in (stand, left):
+        assert phase.p_transition[phase.transition.layout.slices["dt"]].tolist() == [0.02]

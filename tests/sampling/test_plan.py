@@ -204,7 +204,11 @@ def test_an_episodes_costs_and_violations_are_those_of_its_steps():
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_learnt_value_is_that_of_the_last_state_at_its_own_node(engine):
     own, seed = ocp.Nodes(problem()), np.random.default_rng(1)
-    inputs, options, reward = ValueInputs(["joint positions", "phase", "command"]), Options(discount=0.8, p_max=0.0), Reward()
+    inputs, options, reward = (
+        ValueInputs(["joint positions", "phase", "command"]),
+        Options(discount=0.8, p_max=0.0),
+        Reward(),
+    )
     made_for = json.loads(json.dumps(fingerprint(own, reward, options, inputs)))
     kernel, bias, scale, offset, head = seed.normal(size=(17, 6)) / 2, *seed.normal(size=(4, 6))
     network = Network(np.zeros(17), np.ones(17), (Layer(kernel, bias, scale, offset),), head, 0.3)
