@@ -138,6 +138,13 @@ def test_the_guess_follows_the_path_from_the_initial_state():
     assert not first.guess_controls.any()
 
 
+def test_the_guess_of_a_later_horizon_starts_in_the_initial_state_and_goes_on_along_the_path():
+    first, second = ball(phases=(ocp.Phase("drop", "fall", 0.4, {"z": 0.0}), RISE), t0=0.2).phases
+    assert first.guess_states[0].tolist() == [1.0, 0.0]
+    assert first.guess_states[1:, 0] == pytest.approx(np.linspace(0.45, 0.0, 10))
+    assert second.guess_states[0, 0] == pytest.approx(0.0)
+
+
 # ---- what holds where
 
 

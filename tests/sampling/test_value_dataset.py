@@ -79,6 +79,46 @@ def test_episodes_begin_where_roll_outs_came_to() -> None:
     assert len(np.unique(records.states[::4])) == 5
 
 
+class Counting(Toy):
+    """A controller whose roll-outs are in state k at node k, and which keeps the violations that it reports."""
+
+    def __init__(self) -> None:
+        self.reported: list[np.ndarray] = []
+        super().__init__()
+
+    def plan(self, x: np.ndarray, t: float) -> Any:
+        nodes = round(t / DT) + np.arange(self.shape[1], dtype=float)
+        states = np.broadcast_to(nodes[:, None], self.shape)
+        violation = self._random.uniform(size=(2, self.shape[0], self.shape[1] - 1))
+        self.reported.append(violation)
+        return SimpleNamespace(states=states, action=np.array([0.1]), violation=violation)
+
+
+def test_episodes_begin_at_the_node_of_the_state_that_they_begin_in() -> None:
+    records = make_shard(replace(toy(end=1e9), explore=Counting()), TOY, 0)
+    np.testing.assert_array_equal(records.states[::4, 0], records.node[::4])
+    assert len(np.unique(records.node[::4])) > 1
+
+
+def test_peaks_are_the_largest_violations_among_all_roll_outs_and_steps() -> None:
+    follow = Counting()
+    records = make_shard(replace(toy(end=1e9), follow=follow), TOY, 0)
+    assert len(follow.reported) == len(records)
+    for peaks, violation in zip(records.peaks, follow.reported, strict=True):
+        assert peaks.tolist() == [max(row.ravel()) for row in violation]
+
+
+def test_joined_records_are_those_of_both_and_their_episodes_are_counted_on() -> None:
+    first, second = make_shard(toy(), TOY, 0), make_shard(toy(), TOY, 1)
+    both = first.joined(second)
+    assert len(both) == len(first) + len(second)
+    for name in ("states", "next_states", "node", "actions", "cost", "violation", "peaks", "done"):
+        np.testing.assert_array_equal(getattr(both, name)[: len(first)], getattr(first, name))
+        np.testing.assert_array_equal(getattr(both, name)[len(first) :], getattr(second, name))
+    np.testing.assert_array_equal(both.episode, [*first.episode, *(5 + second.episode)])
+    np.testing.assert_array_equal(np.unique(second.episode), np.arange(5))  # joining changes neither
+
+
 def test_episode_ends_with_a_fall() -> None:
     records = make_shard(toy(end=1.2), TOY, 0)
     assert records.done.any()
