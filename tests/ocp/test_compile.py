@@ -248,6 +248,15 @@ def test_rows_of_feet_in_the_air_are_masked():
     assert pair.mode is stand.mode
 
 
+def test_a_mask_with_an_entry_per_foot_holds_for_all_rows_of_the_foot():
+    places = ocp.inequality(lambda s: s.feet.position, mask=lambda s: s.feet.contact, lower=-9.0, name="places")
+    motion = ocp.Motion(ocp.Phase("pair", stance("FL HR"), 0.04))
+    terms = ocp.Objective(ocp.regularize(feet.force, weight=0.01))
+    problem = ocp.Problem(motion, RIGID.until_end(dt=0.02), terms, ocp.Constraints(places), initial=RIGID.state())
+    mask = ocp.compile_problem(problem).phases[0].g_mask
+    assert mask.tolist() == [[1, 1, 1, 0, 0, 0, 0, 0, 0, 1, 1, 1]] * 2  # FL, FR, HL, HR: x, y, z each
+
+
 def test_a_term_binds_to_every_model_that_has_its_quantity():
     motion = ocp.Motion(ocp.Phase("stand", ALL, 0.08))
     objective = ocp.Objective(
