@@ -1,6 +1,7 @@
 """Compiled problems: layout, what is active where, and that a change of numbers rebuilds nothing."""
 
 import casadi as cs
+import mujoco
 import numpy as np
 import pytest
 
@@ -469,6 +470,19 @@ def test_a_term_asks_for_targets_only_where_it_applies():
     compiled = ocp.compile_problem(ocp.Problem(pace + roll, BODY.until_end(dt=0.01), objective, initial=BODY.state()))
     assert compiled.phases[1].weight[0, -12:].all()
     assert not compiled.phases[-1].weight[:, -12:].any()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_residual_of_an_orientation_is_the_rotation_vector_in_body_axes_from_target_to_state(sign):
+    target, turn = np.array([0.3, -0.2, 1.1]), np.array([0.2, -0.5, 0.4])  # roll, pitch, yaw; a rotation vector [rad]
+    q = ocp.rotation.np_from_rpy(target)
+    mujoco.mju_quatIntegrate(q, turn, 1.0)
+    x = RIGID.state()
+    x[3:7] = sign * q
+    terms = ocp.Objective(ocp.regularize(feet.force, weight=0.01), ocp.track(base.orientation, to=target, at="end"))
+    motion = ocp.Motion(ocp.Phase("stand", ALL, 0.04))
+    phase = ocp.compile_problem(ocp.Problem(motion, RIGID.until_end(dt=0.02), terms, initial=RIGID.state())).phases[0]
+    assert phase.mode.functions["terminal"](x, phase.p_end)[0].full().ravel() == pytest.approx(turn, abs=1e-12)
 
 
 # ---- description
