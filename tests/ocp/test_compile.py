@@ -1,6 +1,7 @@
 """Compiled problems: layout, what is active where, and that a change of numbers rebuilds nothing."""
 
 import casadi as cs
+import mujoco
 import numpy as np
 import pytest
 
@@ -138,6 +139,13 @@ def test_the_guess_follows_the_path_from_the_initial_state():
     assert not first.guess_controls.any()
 
 
+def test_the_guess_of_a_later_horizon_starts_in_the_initial_state_and_goes_on_along_the_path():
+    first, second = ball(phases=(ocp.Phase("drop", "fall", 0.4, {"z": 0.0}), RISE), t0=0.2).phases
+    assert first.guess_states[0].tolist() == [1.0, 0.0]
+    assert first.guess_states[1:, 0] == pytest.approx(np.linspace(0.45, 0.0, 10))
+    assert second.guess_states[0, 0] == pytest.approx(0.0)
+
+
 # ---- what holds where
 
 
@@ -241,6 +249,15 @@ def test_rows_of_feet_in_the_air_are_masked():
     assert pair.mode is stand.mode
 
 
+def test_a_mask_with_an_entry_per_foot_holds_for_all_rows_of_the_foot():
+    places = ocp.inequality(lambda s: s.feet.position, mask=lambda s: s.feet.contact, lower=-9.0, name="places")
+    motion = ocp.Motion(ocp.Phase("pair", stance("FL HR"), 0.04))
+    terms = ocp.Objective(ocp.regularize(feet.force, weight=0.01))
+    problem = ocp.Problem(motion, RIGID.until_end(dt=0.02), terms, ocp.Constraints(places), initial=RIGID.state())
+    mask = ocp.compile_problem(problem).phases[0].g_mask
+    assert mask.tolist() == [[1, 1, 1, 0, 0, 0, 0, 0, 0, 1, 1, 1]] * 2  # FL, FR, HL, HR: x, y, z each
+
+
 def test_a_term_binds_to_every_model_that_has_its_quantity():
     motion = ocp.Motion(ocp.Phase("stand", ALL, 0.08))
     objective = ocp.Objective(
@@ -262,6 +279,16 @@ def test_a_term_binds_to_every_model_that_has_its_quantity():
     text = ocp.describe(compiled)
     assert "cannot supply 'joints.torque'" in text
     assert "left out by the schedule" in text
+
+
+def test_what_one_segment_leaves_out_holds_in_another_of_the_same_model():
+    floor, ceiling = ocp.inequality(height, name="floor"), ocp.inequality(speed, name="slow")
+    schedule = (
+        BALL.over(0.2, dt=0.02).without(floor) + BALL.over(0.2, dt=0.02) + BALL.over(0.2, dt=0.02).without(ceiling)
+    )
+    compiled = ball(rows=[floor, ceiling], phases=(ocp.Phase("drop", "fall", 0.6),), schedule=schedule)
+    names = [[compiled.term_name(row) for row in phase.mode.rows["stage_g"]] for phase in compiled.phases]
+    assert names == [["slow"], ["floor", "slow"], ["floor"]]
 
 
 # ---- resets
@@ -445,6 +472,19 @@ def test_a_term_asks_for_targets_only_where_it_applies():
     compiled = ocp.compile_problem(ocp.Problem(pace + roll, BODY.until_end(dt=0.01), objective, initial=BODY.state()))
     assert compiled.phases[1].weight[0, -12:].all()
     assert not compiled.phases[-1].weight[:, -12:].any()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_residual_of_an_orientation_is_the_rotation_vector_in_body_axes_from_target_to_state(sign):
+    target, turn = np.array([0.3, -0.2, 1.1]), np.array([0.2, -0.5, 0.4])  # roll, pitch, yaw; a rotation vector [rad]
+    q = ocp.rotation.np_from_rpy(target)
+    mujoco.mju_quatIntegrate(q, turn, 1.0)
+    x = RIGID.state()
+    x[3:7] = sign * q
+    terms = ocp.Objective(ocp.regularize(feet.force, weight=0.01), ocp.track(base.orientation, to=target, at="end"))
+    motion = ocp.Motion(ocp.Phase("stand", ALL, 0.04))
+    phase = ocp.compile_problem(ocp.Problem(motion, RIGID.until_end(dt=0.02), terms, initial=RIGID.state())).phases[0]
+    assert phase.mode.functions["terminal"](x, phase.p_end)[0].full().ravel() == pytest.approx(turn, abs=1e-12)
 
 
 # ---- description

@@ -181,6 +181,18 @@ def test_whether_a_horizon_covers_the_motion():
     assert covers(ENDLESS, spans(ENDLESS, CUT.over(0.3, dt=0.01)))
 
 
+def test_the_last_node_of_an_uncut_model_ends_the_phase_before_a_boundary():
+    """Its stages are the later phase's from the boundary on, its last node is the earlier one's."""
+    weights = ocp.by_phase(0.0, one=3.0, two=5.0)
+    objective = ocp.Objective(
+        ocp.regularize("push"), ocp.track("z", weights, to=0.0), ocp.track("z", weights, to=0.0, at="phase_end")
+    )
+    schedule = UNCUT.over(0.2, dt=0.05) + UNCUT.over(0.1, dt=0.05)
+    first, second = ocp.compile_problem(ocp.Problem(MOTION, schedule, objective, initial=[0.0])).phases
+    assert (first.weight[:, 1].tolist(), first.end_weight.tolist()) == ([3, 3, 3, 3], [3])
+    assert (second.weight[:, 1].tolist(), second.end_weight.tolist()) == ([5, 5], [5])
+
+
 # ---- a robot with two models
 
 
@@ -249,3 +261,17 @@ def test_lifting_a_foot_is_no_touchdown(cascade):
     stand = cascade.phases[0]
     assert not stand.end_h_mask.any()
     assert not stand.resets
+
+
+def test_feet_lift_at_the_first_two_nodes_after_their_stance(cascade):
+    stand, left, _ = cascade.phases
+    assert not slot(stand, "lifting", stand.p).any()
+    assert slot(left, "lifting", left.p).tolist() == [[0, 1, 1, 0], [0, 1, 1, 0], [0] * 4, [0] * 4, [0] * 4]
+    assert not slot(left, "lifting", left.p_end).any()
+
+
+def test_a_transition_has_the_time_step_of_the_model_that_ends(cascade):
+    stand, left, tail = cascade.phases
+    assert tail.dt == 0.05
+    for phase in (stand, left):
+        assert phase.p_transition[phase.transition.layout.slices["dt"]].tolist() == [0.02]

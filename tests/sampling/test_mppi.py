@@ -1,3 +1,4 @@
+import mujoco
 import numpy as np
 import pytest
 
@@ -5,6 +6,8 @@ from piaffe import models, ocp, sampling
 from piaffe.errors import ModelError, ProblemError, SamplingError, ShapeError
 from piaffe.models import base, feet, joints
 from piaffe.sampling.controllers.td_cd import TDCDMPPI
+
+from . import by_hand
 
 DT = 0.02
 
@@ -55,12 +58,18 @@ def test_the_plan_is_the_mean_of_the_samples_by_weight(trot):
     assert plan.returns == pytest.approx(np.exp(-plan.cost).mean(axis=1), rel=1e-12)
 
 
-def test_rollouts_are_what_the_simulator_does(trot):
-    controller = controller_of(trot)
-    plan = controller.plan(trot.initial, 0.0)
-    alone = controller.engine.rollout(trot.initial, controller._controls(controller._plan[None])).states[0]
-    assert np.all(np.isfinite(plan.states))
-    assert alone[0] == pytest.approx(trot.initial)
+@pytest.mark.parametrize(("engine", "close"), [("native", 1e-12), ("simd", 1e-7)])
+def test_rollouts_are_what_the_simulator_does(trot, engine, close):
+    options = {"samples": 1, "first_stages": 1, "temperature": 5.0, "engine": engine}
+    controller, before = controller_of(trot, sampling.MPPI, **options), None
+    for k, start in enumerate((trot.initial, trot.initial + 0.1 * (np.arange(37) >= 19))):
+        plan = controller.plan(start, k * DT)
+        controls = by_hand.rolled_out(controller, plan, before)
+        states = np.array([by_hand.stepped(controller.model, start, each) for each in controls])
+        assert np.abs(np.diff(states, axis=1)).max(axis=2).min() > 0.01  # no two states in a row look alike
+        assert plan.states == pytest.approx(states, abs=close)
+        before = plan
+    assert np.abs(np.diff(controls, axis=0)).max(axis=2).min(axis=0)[1:].min() > 0.1  # nor do the two roll-outs
 
 
 def test_equal_seeds_give_equal_plans(trot):
@@ -222,12 +231,30 @@ def test_a_robot_on_its_side_has_fallen(trot):
 
 
 def test_latency_holds_the_control_before(trot):
-    controller = controller_of(trot)
-    prompt = sampling.run_episode(controller, steps=3)
-    late = sampling.run_episode(controller, steps=3, latency=0.01)
-    assert not np.array_equal(prompt.states, late.states)
+    steps, lag = 4, 5  # of the controller; of the plant's simulator, 0.002 s each
+    episode = sampling.run_episode(controller_of(trot), steps=steps, latency=0.01, seed=3)
+    model = controller_of(trot).model.as_plant().compiled()
+    data, state = mujoco.MjData(model), trot.initial
+    data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
+    data.ctrl[:] = state[7:19]  # before the first plan the joints are held where they are
+    for action, after in zip(episode.actions, episode.states[1:], strict=True):
+        data.qacc_warmstart[:] = 0.0  # as in a roll-out, contacts of a control step begin from nothing
+        for i in range(10):
+            if i == lag:
+                data.ctrl[:] = action
+            mujoco.mj_step(model, data)
+        assert np.array_equal(after, np.r_[data.qpos, data.qvel])
     with pytest.raises(SamplingError, match="latency is out of range"):
-        sampling.run_episode(controller, steps=3, latency=0.03)
+        sampling.run_episode(controller_of(trot), steps=3, latency=0.03)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.01])
+def test_an_episodes_actions_are_plans_of_the_state_at_the_steps_start(trot, latency):
+    episode = sampling.run_episode(controller_of(trot), steps=3, latency=latency, start=0.1, seed=3)
+    alone = controller_of(trot)
+    alone.reset(3)
+    for k, action in enumerate(episode.actions):
+        assert np.array_equal(alone.plan(episode.states[k], 0.1 + k * DT).action, action)
 
 
 # ---- what is refused

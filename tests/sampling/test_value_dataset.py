@@ -1,3 +1,4 @@
+import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +15,10 @@ from piaffe.sampling.learning.collect import Actors, CollectOptions, collect, ma
 from piaffe.sampling.learning.dataset import Dataset, Records
 from piaffe.sampling.learning.options import LearnOptions
 from piaffe.sampling.learning.train import train_value
+from piaffe.sampling.value import digest
 from piaffe.sampling.value.store import load_value
 
+from . import written_out
 from .value_problem import trot_problem
 
 DT = 0.1
@@ -77,6 +80,54 @@ def test_episodes_begin_where_roll_outs_came_to() -> None:
     travelled = np.array([sum(0.1 + k * DT for k in range(max(0, first - 4))) for first in starts])
     assert np.all(records.states[::4, 0] > travelled - 0.5)
     assert len(np.unique(records.states[::4])) == 5
+
+
+class Counting(Toy):
+    """A controller whose roll-outs are in state k at node k; it keeps what it was asked and the violations it told."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[float, float]] = []
+        self.reported: list[np.ndarray] = []
+        super().__init__()
+
+    def plan(self, x: np.ndarray, t: float) -> Any:
+        self.asked.append((float(x[0]), t))
+        nodes = round(t / DT) + np.arange(self.shape[1], dtype=float)
+        states = np.broadcast_to(nodes[:, None], self.shape)
+        violation = self._random.uniform(size=(2, self.shape[0], self.shape[1] - 1))
+        self.reported.append(violation)
+        return SimpleNamespace(states=states, action=np.array([0.1]), violation=violation)
+
+
+def test_episodes_begin_at_the_node_of_the_state_that_they_begin_in() -> None:
+    records = make_shard(replace(toy(end=1e9), explore=Counting()), TOY, 0)
+    np.testing.assert_array_equal(records.states[::4, 0], records.node[::4])
+    assert len(np.unique(records.node[::4])) > 1
+
+
+def test_exploring_walks_on_in_time_and_state() -> None:
+    explore = Counting()
+    make_shard(replace(toy(end=1e9), explore=explore), TOY, 0)
+    np.testing.assert_allclose(explore.asked, [(0.1 * k, k * DT) for k in range(TOY.explore_steps)], atol=1e-12)
+
+
+def test_peaks_are_the_largest_violations_among_all_roll_outs_and_steps() -> None:
+    follow = Counting()
+    records = make_shard(replace(toy(end=1e9), follow=follow), TOY, 0)
+    assert len(follow.reported) == len(records)
+    for peaks, violation in zip(records.peaks, follow.reported, strict=True):
+        assert peaks.tolist() == [max(row.ravel()) for row in violation]
+
+
+def test_joined_records_are_those_of_both_and_their_episodes_are_counted_on() -> None:
+    first, second = make_shard(toy(), TOY, 0), make_shard(toy(), TOY, 1)
+    both = first.joined(second)
+    assert len(both) == len(first) + len(second)
+    for name in ("states", "next_states", "node", "actions", "cost", "violation", "peaks", "done"):
+        np.testing.assert_array_equal(getattr(both, name)[: len(first)], getattr(first, name))
+        np.testing.assert_array_equal(getattr(both, name)[len(first) :], getattr(second, name))
+    np.testing.assert_array_equal(both.episode, [*first.episode, *(5 + second.episode)])
+    np.testing.assert_array_equal(np.unique(second.episode), np.arange(5))  # joining changes neither
 
 
 def test_episode_ends_with_a_fall() -> None:
@@ -163,6 +214,18 @@ def test_collecting_options_out_of_range_are_refused(name: str, value: int) -> N
 # ---- with a robot
 
 
+def test_what_happened_is_scored_at_the_nodes_where_it_happened() -> None:
+    actors = Actors.of(written_out.problem(), replace(TOY, horizon=4), Reward())
+    states = written_out.problem().initial + np.linspace(0.0, 2.0, 6)[:, None] * (np.arange(37) >= 7)
+    controls = states[:, 7:19] + 0.3
+    for first in (0, 3, 9):
+        cost, violation = actors.score(states[:5], controls[:5], first)
+        t = first * written_out.DT
+        np.testing.assert_allclose(cost, written_out.running_cost(states[None, :5], controls[None, :5], t)[0])
+        np.testing.assert_allclose(violation, written_out.violations(states[None, :5], t)[:, 0], atol=1e-12)
+    assert violation[9].any()
+
+
 SMALL = CollectOptions(
     shards=2, explore_steps=2, episodes=2, episode_steps=3, horizon=4, nearest=2,
     explore=replace(MPPI.defaults, samples=8, threads=1), follow=replace(TDCDMPPI.defaults, samples=8, threads=1),
@@ -213,6 +276,23 @@ def test_first_round_is_followed_alone_and_later_ones_begin_in_roll_outs_with_th
     for controller in (later.explore, later.follow):
         assert controller.options == SMALL.follow
         assert controller.value is not None
+
+
+def test_each_round_has_a_seed_of_its_own_and_follows_the_value_of_the_round_before(
+    plant: models.Mujoco, tmp_path: Path
+) -> None:
+    pytest.importorskip("flax")
+    options = replace(SMALL, rounds=2, shards=1, seed=7)
+    value = train_value(trot_problem(plant=plant), tmp_path / "trot.value", collecting=options, learning=LEARN)
+    rounds = [tmp_path / "trot.work" / f"round-{i}" for i in range(2)]
+    manifests = [json.loads((place / "data" / "manifest.json").read_text())["options"] for place in rounds]
+    assert [each["seed"] for each in manifests] == [7, 8]
+    learnt = rounds[0] / "learnt.value"
+    assert [each["value"] for each in manifests] == [None, digest(learnt)]
+    first, second = (np.load(place / "data" / "shard-00000.npz") for place in rounds)
+    assert value.record["transitions"] == len(first["cost"]) + len(second["cost"])
+    again = collect(trot_problem(plant=plant), tmp_path / "alone", replace(options, seed=8), value=learnt).load()
+    np.testing.assert_array_equal(again.actions, second["actions"])
 
 
 def test_executor_makes_the_same_shards(plant: models.Mujoco, tmp_path: Path) -> None:

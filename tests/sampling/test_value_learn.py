@@ -64,6 +64,16 @@ def test_constant_violation_shortens_the_horizon() -> None:
     assert_worth(learned.network(chain().inputs), 0.8 * gamma / (1 - gamma))
 
 
+def test_what_is_learnt_from_is_the_target_network_which_follows_slowly() -> None:
+    """With a target that stays where it began, V is γ₀ (r + V₀(x')) of the first network, not the fixed point."""
+    transitions, still = chain(0.8), replace(SMALL, target_rate=1e-9)
+    first = learn(transitions, replace(still, updates=1, learning_rate=1e-12)).network
+    targets = 0.9 * (0.8 + np.asarray(first(transitions.next_inputs), dtype=float))
+    values = learn(transitions, replace(still, updates=2000)).network(transitions.inputs)
+    assert np.mean(values) == pytest.approx(np.mean(targets), rel=5e-2)
+    assert np.mean(targets) < 0.3 * 9 * 0.8
+
+
 def test_a_fall_is_worth_nothing_afterwards() -> None:
     falls = Transitions(**{**vars(chain(0.8)), "done": np.ones(600, dtype=bool)})
     assert_worth(learn(falls, SMALL).network(falls.inputs), 0.9 * 0.8)
@@ -88,6 +98,20 @@ def test_explained_variance_of_true_values_is_one_and_of_none_is_zero() -> None:
     returns, _ = transitions.returns(0.9)
     assert explained_variance(transitions, returns, returns, 0.9) == pytest.approx(1.0)
     assert explained_variance(transitions, np.zeros(600), np.zeros(600), 0.9) == pytest.approx(0.0)
+
+
+def test_explained_variance_goes_on_from_an_episodes_end_with_the_value_there() -> None:
+    rng = np.random.default_rng(7)
+    transitions = chain(rng.uniform(size=(30, 30)), delta=0.05, steps=30)
+    following, worth = rng.uniform(0.0, 9.0, size=900), np.zeros((30, 31))
+    worth[:, -1] = following.reshape(30, 30)[:, -1]  # no episode ends in a fall
+    for t in range(29, -1, -1):
+        worth[:, t] = 0.9 * 0.95 * (transitions.rewards.reshape(30, 30)[:, t] + worth[:, t + 1])
+    values = worth[:, :-1].ravel()
+    assert explained_variance(transitions, values, following, 0.9) == pytest.approx(1.0)
+    unseen = (0.9 * 0.95) ** np.arange(30, 0, -1) > 0.1  # what comes after the episode weighs more than a tenth
+    wrong = values + 5.0 * rng.uniform(size=900) * np.tile(unseen, 30)
+    assert explained_variance(transitions, wrong, following, 0.9) == pytest.approx(1.0)
 
 
 def test_held_out_episodes_are_whole_and_not_learnt_from() -> None:
@@ -137,6 +161,29 @@ def test_resumed_learning_ends_where_learning_in_one_go_does(tmp_path: Path) -> 
     assert points == [1500]
     np.testing.assert_array_equal(resumed.network(transitions.inputs), whole.network(transitions.inputs))
     np.testing.assert_array_equal(resumed.curves["loss"], whole.curves["loss"])
+
+
+def test_points_of_the_curves_change_nothing_of_what_is_learnt() -> None:
+    transitions = chain(np.random.default_rng(4).uniform(size=(30, 20)))
+    seldom, often = (learn(transitions, replace(SMALL, updates=120, record_every=every)) for every in (120, 7))
+    np.testing.assert_array_equal(often.network(transitions.inputs), seldom.network(transitions.inputs))
+    assert len(often.curves["update"]) == 18
+    assert often.curves["update"][-1] == 120
+
+
+def test_nothing_is_learnt_from_held_out_episodes() -> None:
+    """All fall at once, so that V is γ₀ r; those that are held out pay ten times as much."""
+    fields = {**vars(chain(0.8)), "done": np.ones(600, dtype=bool)}
+    options = replace(SMALL, held_out=0.2, updates=2000)
+    _, test = Transitions(**fields).split(options.held_out, options.seed)
+    assert test is not None
+    held = np.isin(fields["episode"], test.episode)
+    fields["rewards"] = np.where(held, 8.0, 0.8)
+    network = learn(Transitions(**fields), options).network
+    inputs = fields["inputs"][~held]
+    np.testing.assert_allclose(network.mean, inputs.mean(axis=0), rtol=1e-5)
+    np.testing.assert_allclose(network.std, inputs.std(axis=0), rtol=1e-5)
+    assert np.mean(network(inputs)) == pytest.approx(0.9 * 0.8, rel=2e-2)
 
 
 def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:
