@@ -122,10 +122,9 @@ def mppi(
 
         said.append(plot_episodes(plot, trial, episodes))
     if video is not None:
-        from piaffe.sampling import TITLES
         from piaffe.viz import film_episode
 
-        said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=TITLES[controller]))
+        said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=trial.controller.title))
     if json:
         print(as_json(values))
     else:
