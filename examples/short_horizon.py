@@ -8,6 +8,7 @@ import trot_mppi
 
 from piaffe import models, ocp
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
+from piaffe.viz import stage_bars
 
 # As published, no term tells where feet belong: that they stay behind shows when the robot trips, which is later than
 # short horizons see.
@@ -56,11 +57,12 @@ def main(
     workers: int = 0,
 ) -> float:
     """Learn, write the file and return the mean value of what was learnt from; ``workers`` processes collect."""
-    learnt = train_value(
-        sampled_problem, out, reward=reward, workers=workers,
-        collecting=replace(collecting, shards=shards, episodes=episodes),
-        learning=replace(learning, updates=updates),
-    )  # fmt: skip
+    with stage_bars() as progress:
+        learnt = train_value(
+            sampled_problem, out, reward=reward, workers=workers, progress=progress,
+            collecting=replace(collecting, shards=shards, episodes=episodes),
+            learning=replace(learning, updates=updates),
+        )  # fmt: skip
     return float(learnt.record["curves"]["mean_value"][-1])
 
 

@@ -49,8 +49,8 @@ class Sampler:
     4. :meth:`update`: the new plan.
 
     The three methods get ``xp``, which is ``numpy`` or, on ``engine="mjx"``, ``jax.numpy``: there they are traced and
-    compiled with all the rest. So they are pure: what lasts from stage to stage is in ``memory``, which comes in and goes
-    out, and arrays are not changed in place.
+    compiled with all the rest. So they are pure: what lasts from stage to stage is in ``memory``, which comes in and
+    goes out, and arrays are not changed in place.
 
     Args:
         problem: the declaration; its schedule is one MuJoCo model.
@@ -111,7 +111,9 @@ class Sampler:
         self.spline = Spline(self.options.knots, self.steps)
         self.engine = engine_for(self.model, self.options.engine, threads=self.options.threads)
         self._on_device = self.options.engine == "mjx"
-        self.evaluator = evaluator(self.nodes.mode, "jax" if self._on_device else "native", threads=self.options.threads)
+        self.evaluator = evaluator(
+            self.nodes.mode, "jax" if self._on_device else "native", threads=self.options.threads
+        )
         self.constraints = self.evaluator.constraints(self.nodes.terms)
         self.value = terminal_value(value, self, allow)
         self._centre = 0.5 * (self.model.action.upper + self.model.action.lower)
@@ -195,8 +197,8 @@ class Sampler:
 
         Raises:
             ShapeError: the state has the wrong size.
-            SamplingError: the state or the time is not finite, or the time negative or no multiple of dt; or a method of
-                the sampler returns a wrong shape or NaN.
+            SamplingError: the state or the time is not finite, or the time negative or no multiple of dt; or a method
+                of the sampler returns a wrong shape or NaN.
         """
         start = horizon.checked_state(x, self.model)
         if not 0.0 <= t < float("inf"):

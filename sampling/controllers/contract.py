@@ -129,9 +129,9 @@ def _called(method: Method, where: str, xp: Any, *given: Any) -> Any:
         return getattr(method, where)(xp, *given)
     except (TypeError, IndexError) as error:  # what JAX raises for values that are not known yet
         raise SamplingError(
-            f"{_name(method)}: {where} cannot be compiled by JAX - got {str(error).splitlines()[0]}, expected functions "
-            "of xp on arrays, without if and without assignments in place; use xp.where and xp.sort, or choose "
-            'engine="native"'
+            f"{_name(method)}: {where} cannot be compiled by JAX - got {str(error).splitlines()[0]}, expected "
+            "functions of xp on arrays, without if and without assignments in place; use xp.where and xp.sort, or "
+            'choose engine="native"'
         ) from error
 
 
@@ -139,7 +139,8 @@ def _parts(method: Method, where: str, found: Any, count: int) -> tuple[Any, ...
     if not (isinstance(found, tuple) and len(found) == count):
         got = f"{len(found)} values" if isinstance(found, tuple) else type(found).__name__
         raise SamplingError(
-            f"{_name(method)}: {where} gives something else - got {got}, expected {count} values; write `{METHODS[where]}`"
+            f"{_name(method)}: {where} gives something else - got {got}, expected {count} values; write "
+            f"`{METHODS[where]}`"
         )
     return found
 
@@ -149,8 +150,8 @@ def _require_shape(method: Method, where: str, what: str, found: Any, expected: 
     if got != tuple(expected):
         said = type(found).__name__ if got is None else str(tuple(got))
         raise SamplingError(
-            f"{_name(method)}: {where}, {what} have the wrong shape - got {said}, expected {tuple(expected)}; return an "
-            "array of this shape"
+            f"{_name(method)}: {where}, {what} have the wrong shape - got {said}, expected {tuple(expected)}; return "
+            "an array of this shape"
         )
 
 

@@ -93,12 +93,12 @@ class DeviceStage:
         with self._engine.computing():
             cast = self._jax.tree.map(lambda number: self._jax.numpy.asarray(number, dtype), given)
             staged, odd = self._run(cast, stage.index, stage.count, k)
-            memory = staged.memory
-            staged = self._jax.tree.map(np.array, staged._replace(memory={}))._replace(memory=memory)
+            here: Staged = self._jax.tree.map(np.array, staged._replace(memory={}))
         require_explained(own, np.asarray(odd))
-        require_sound(own, staged)
+        here = here._replace(memory=staged.memory)
+        require_sound(own, here)
         lap(seconds, "roll_out", began)
-        return staged
+        return here
 
     # ---- on the device
 
@@ -124,4 +124,3 @@ class DeviceStage:
 
     def _fixed(self, values: Array) -> Any:
         return self._jax.numpy.asarray(values, self._engine.dtype)
-

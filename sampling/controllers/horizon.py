@@ -84,8 +84,8 @@ def moved_by_steps(spline: Spline, plan: Array, t: float, before: float, dt: flo
     count = round(elapsed)
     if count < 0 or abs(elapsed - count) > 1e-6:
         raise SamplingError(
-            f"plan at t = {t:g} s: is not a whole number of steps after the last one - got {t - before:g} s, expected a "
-            f"multiple of {dt:g} s; call reset() first, or use shift='elapsed'"
+            f"plan at t = {t:g} s: is not a whole number of steps after the last one - got {t - before:g} s, expected "
+            f"a multiple of {dt:g} s; call reset() first, or use shift='elapsed'"
         )
     controls = np.zeros((spline.steps + 1, plan.shape[1]))
     if count <= spline.steps:

@@ -19,8 +19,8 @@ class TDCDMPPI(DIAL):
 
         R = Σ_h [Π_{k≤h} γ₀ (1 − δ_k)] r_h + [Π_{k≤H} γ₀ (1 − δ_k)] V(x_{H+1})
 
-    The moving maxima of the violations, by which δ is scaled, are what it remembers. Without a value, the reward of terms
-    ``at="end"`` takes its place, if there are any.
+    The moving maxima of the violations, by which δ is scaled, are what it remembers. Without a value, the reward of
+    terms ``at="end"`` takes its place, if there are any.
     """
 
     title: ClassVar[str] = "TD-CD-MPPI"

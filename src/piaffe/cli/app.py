@@ -16,7 +16,7 @@ from piaffe.errors import PiaffeError
 from piaffe.ocp import load_problem
 
 from .reports import plain, terminal
-from .sampling_commands import mppi, study
+from .sampling_commands import NamesControllers, mppi, study
 
 FAILED, REFUSED = 1, 2  # exit codes: the result is not what was hoped for; the command could not do what was asked
 SHEET = (3, 2)  # columns and rows of a picture of single moments
@@ -292,5 +292,5 @@ def cache(
         print_cache(terminal(), cache_values(kept))
 
 
-app.command()(mppi)
+app.command(cls=NamesControllers)(mppi)
 app.command()(study)

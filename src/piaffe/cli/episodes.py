@@ -23,8 +23,8 @@ def episode_values(trial: Trial, episodes: Mapping[int, Episode]) -> dict[str, A
     """
     controller = trial.controller
     return {
-        "controller": trial.settings["controller"], "title": controller.title, "problem": str(controller.problem.source),
-        "uses_value": controller.uses_value, "model": controller.model.name, "plant": trial.plant.name, "dt_s": controller.dt,
+        "controller": trial.settings["controller"], "problem": str(controller.problem.source),
+        "model": controller.model.name, "plant": trial.plant.name, "dt_s": controller.dt,
         "settings": {
             **trial.settings, "horizon": controller.steps, "samples": controller.options.samples,
             "temperature": controller.options.temperature, "engine": controller.engine.name,
@@ -59,12 +59,12 @@ def mean(rows: Sequence[Mapping[str, Any]], key: str) -> float:
     return float(np.mean([row[key] for row in rows]))
 
 
-def print_episodes(console: Console, values: Mapping[str, Any]) -> None:
+def print_episodes(console: Console, trial: Trial, values: Mapping[str, Any]) -> None:
     """Print a line per seed, the means of all, what each constraint missed, and the verdict."""
-    settings, dt = values["settings"], values["dt_s"]
-    value = "" if not values["uses_value"] else ", with a value" if settings["value"] else ", without a value"
+    settings, dt, kind = values["settings"], values["dt_s"], type(trial.controller)
+    value = "" if not kind.uses_value else ", with a value" if settings["value"] else ", without a value"
     console.print(
-        f"[bold]{values['title']}[/], H = {settings['horizon']} ({settings['horizon'] * dt:.2f} s), "
+        f"[bold]{kind.title}[/], H = {settings['horizon']} ({settings['horizon'] * dt:.2f} s), "
         f"{settings['samples']} samples, λ = {settings['temperature']:g}{value}, "
         f"engine {settings['engine']}; plant '{values['plant']}'",
         soft_wrap=True,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stdout
+from collections.abc import Callable
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import Progress, TaskID
+from typer.core import TyperCommand, TyperOption
 
 from piaffe.errors import SamplingError
 
@@ -19,6 +19,8 @@ from .reports import as_json, plain, print_cells, terminal
 
 FAILED = 1
 STALE = ("refuse", "keep", "redo")
+
+CONTROLLER = "Its name: {known}, or one of FILE's `controllers`."
 
 SampledFile = Annotated[
     str,
@@ -28,9 +30,22 @@ SampledFile = Annotated[
 ]
 
 
+class NamesControllers(TyperCommand):
+    """A command whose help names the controllers; they are imported when it is asked for."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help."""
+        from piaffe.sampling import CONTROLLERS
+
+        for option in self.params:
+            if isinstance(option, TyperOption) and option.help == CONTROLLER:
+                option.help = CONTROLLER.format(known=", ".join(CONTROLLERS))
+        super().format_help(ctx, formatter)
+
+
 def mppi(
     file: SampledFile,
-    controller: Annotated[str, typer.Option(help="td-cd, dial or mppi.")] = "td-cd",
+    controller: Annotated[str, typer.Option(help=CONTROLLER)] = "td-cd",
     value: Annotated[
         str | None, typer.Option(metavar="V", help="Value at the horizon's end; the file's by default, or `none`.")
     ] = None,
@@ -80,6 +95,7 @@ def mppi(
         require_picture(plot)
 
     from piaffe.sampling import complete, load_declared, prepare, save_episodes
+    from piaffe.viz import bars
 
     from .episodes import episode_values, print_episodes
 
@@ -128,7 +144,7 @@ def mppi(
     if json:
         print(as_json(values))
     else:
-        print_episodes(terminal(), values)
+        print_episodes(terminal(), trial, values)
         for path in said:
             print(f"saved {path}")
     raise typer.Exit(0 if values["successes"] == len(chosen) else FAILED)
@@ -175,7 +191,7 @@ def study(
         write_parquet,
         write_tables,
     )
-    from piaffe.viz import draw_study
+    from piaffe.viz import bars, draw_study
 
     require_pyarrow()
     if stale not in STALE:
@@ -234,12 +250,3 @@ def pair(text: str) -> tuple[str, Any]:
         return name, ast.literal_eval(value)
     except (ValueError, SyntaxError):
         return name, value
-
-
-@contextmanager
-def bars(columns: Sequence[Any] = ()) -> Iterator[Progress]:
-    """Show progress on standard error, if that is a terminal."""
-    console = Console(stderr=True)
-    shown = columns or (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*shown, console=console, transient=True, disable=not console.is_terminal) as progress:
-        yield progress

@@ -1,6 +1,8 @@
 """Figures, films, pictures and progress displays."""
 
 from . import gl as gl
+from .bars import bars as bars
+from .bars import stage_bars as stage_bars
 from .cuts import cuts_of as cuts_of
 from .cuts import is_sheet as is_sheet
 from .cuts import picture_size as picture_size
