@@ -68,7 +68,7 @@ class SimdEngine(Engine):
         DifferentError: states differ from those of the installed MuJoCo.
     """
 
-    name = "lanes"
+    name = "simd"
 
     def __init__(
         self,
