@@ -8,6 +8,7 @@ import trot_mppi
 
 from piaffe import models, ocp
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
+from piaffe.viz import stage_bars
 
 # As in the publication, no term has targets for the positions of the feet. If feet stay behind, the robot trips, but
 # only after the end of a short horizon.
@@ -56,11 +57,12 @@ def main(
     workers: int = 0,
 ) -> float:
     """Learn the value, write its file and return its mean over the data; ``workers`` processes collect the data."""
-    learnt = train_value(
-        sampled_problem, out, reward=reward, workers=workers,
-        collecting=replace(collecting, shards=shards, episodes=episodes),
-        learning=replace(learning, updates=updates),
-    )  # fmt: skip
+    with stage_bars() as progress:
+        learnt = train_value(
+            sampled_problem, out, reward=reward, workers=workers, progress=progress,
+            collecting=replace(collecting, shards=shards, episodes=episodes),
+            learning=replace(learning, updates=updates),
+        )  # fmt: skip
     return float(learnt.record["curves"]["mean_value"][-1])
 
 

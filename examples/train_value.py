@@ -8,6 +8,7 @@ from pathlib import Path
 import trot_mppi
 
 from piaffe.sampling import CollectOptions, LearnOptions, train_value
+from piaffe.viz import stage_bars
 
 problem = trot_mppi.sampled_problem
 follow = replace(trot_mppi.options, samples=192, first_stages=3, threads=1)
@@ -37,11 +38,12 @@ def main(
     workers: int = 0,
 ) -> float:
     """Learn the value, write its file and return its mean over the data; ``workers`` processes collect the data."""
-    value = train_value(
-        problem, out, reward=trot_mppi.reward, workers=workers,
-        collecting=replace(collecting, shards=shards, episodes=episodes),
-        learning=replace(learning, updates=updates),
-    )  # fmt: skip
+    with stage_bars() as progress:
+        value = train_value(
+            problem, out, reward=trot_mppi.reward, workers=workers, progress=progress,
+            collecting=replace(collecting, shards=shards, episodes=episodes),
+            learning=replace(learning, updates=updates),
+        )  # fmt: skip
     print(f"{Path(out).stat().st_size / 1e6:.1f} MB")
     return float(value.record["curves"]["mean_value"][-1])
 

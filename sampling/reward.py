@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from piaffe.errors import SamplingError
 
-Array = NDArray[np.float64]
+from .namespace import namespace
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,6 @@ class Reward:
                 "objective; give the cost at which the reward has fallen to 1/e"
             )
 
-    def __call__(self, cost: Array) -> Array:
-        """Return the reward of costs of any shape."""
-        return np.asarray(np.exp(cost * (-1.0 / self.scale)))
+    def __call__(self, cost: Any) -> Any:
+        """Return the reward of costs of any shape, arrays of NumPy or JAX."""
+        return namespace(cost).exp(cost * (-1.0 / self.scale))

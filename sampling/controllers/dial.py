@@ -15,4 +15,5 @@ class DIAL(MPPI):
     start and by β₁ per stage, and the first plan takes ten stages.
     """
 
+    title: ClassVar[str] = "DIAL-MPC"
     defaults: ClassVar[Options] = Options()

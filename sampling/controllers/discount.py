@@ -3,57 +3,74 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import UnknownNameError
 
+from ..namespace import namespace
 from ..options import Options
 from . import reduce
+from .stage import Memory
 
 Array = NDArray[np.float64]
 
 _P_MAX = 0.25  # of constraints that a mapping does not name
 
 
+@dataclass(frozen=True, eq=False)
 class ConstraintDiscount:
     """δ = max_i p_i clip(c_i / c_i^max, 0, 1) of violations c_i ≥ 0, with moving maxima [TD-CD-MPPI, eq. 7 and 8].
 
     The maximum of each row follows that of the batch, ``c_max ← τ ĉ + (1 − τ) c_max``, and begins with the first
     batch. It is never below a floor: without one, the smaller the violations the more they would count.
 
+    Maxima are remembered in a mapping: ``maxima``, (nc,), and ``batches``, how many they have followed.
+
     Args:
-        constraints: name of the constraint that each row belongs to, (nc,).
-        options: with ``p_max``, ``violation_rate`` and ``violation_floor``.
+        p_max: largest discount of each row, (nc,).
+        rate: τ.
+        floor: least maximum.
     """
 
-    def __init__(self, constraints: Sequence[str], options: Options) -> None:
-        self.p_max = _shares(constraints, options.p_max)
-        self._rate, self._floor = options.violation_rate, options.violation_floor
-        self.moving: Array | None = None
+    p_max: Array
+    rate: float
+    floor: float
 
-    @property
-    def maxima(self) -> Array:
-        """c_max of every row, (nc,)."""
-        moving = np.zeros(len(self.p_max)) if self.moving is None else self.moving
-        return np.maximum(moving, self._floor)
+    @classmethod
+    def of(cls, constraints: Sequence[str], options: Options) -> ConstraintDiscount:
+        """Return the discount of rows.
 
-    def reset(self, maxima: Array | None = None) -> None:
-        """Forget the maxima, or set them, (nc,)."""
-        self.moving = None if maxima is None else np.array(maxima, dtype=float)
+        Args:
+            constraints: name of the constraint that each row belongs to, (nc,).
+            options: with ``p_max``, ``violation_rate`` and ``violation_floor``.
 
-    def follow(self, largest: Array) -> None:
-        """Let the maxima follow those of a batch, (nc,)."""
-        if self.moving is None:
-            self.moving = np.array(largest, dtype=float)
-        else:
-            self.moving += self._rate * (largest - self.moving)
+        Raises:
+            UnknownNameError: ``p_max`` names a constraint that is not there.
+        """
+        return cls(_shares(constraints, options.p_max), options.violation_rate, options.violation_floor)
 
-    def of(self, violation: Array) -> Array:
+    def initial_memory(self) -> Memory:
+        """Return the maxima before the first batch."""
+        return {"maxima": np.zeros(len(self.p_max)), "batches": np.zeros(())}
+
+    def maxima(self, memory: Memory) -> Any:
+        """Return c_max of every row, (nc,)."""
+        return namespace(memory["maxima"]).maximum(memory["maxima"], self.floor)
+
+    def follow(self, memory: Memory, largest: Any) -> Memory:
+        """Return the maxima after they have followed those of a batch, (nc,)."""
+        before, batches = memory["maxima"], memory["batches"]
+        rate = namespace(largest).where(batches > 0, self.rate, 1.0)
+        return {"maxima": before + rate * (largest - before), "batches": batches + 1}
+
+    def delta(self, violation: Any, memory: Memory) -> Any:
         """Return δ of violations (nc, ...), of the shape of one row."""
         steps = violation if violation.ndim == 3 else violation.reshape(len(violation), 1, -1)
-        return reduce.discount(steps, self.maxima, self.p_max).reshape(violation.shape[1:])
+        return reduce.discount(steps, self.maxima(memory), self.p_max).reshape(violation.shape[1:])
 
 
 def _shares(constraints: Sequence[str], p_max: float | Mapping[str, float]) -> Array:
@@ -65,7 +82,7 @@ def _shares(constraints: Sequence[str], p_max: float | Mapping[str, float]) -> A
     return np.array([float(p_max.get(name, _P_MAX)) for name in constraints])
 
 
-def discounted_return(reward: Array, delta: Array, discount: float, value: Array | None = None) -> Array:
+def discounted_return(reward: Any, delta: Any, discount: float, value: Any = None) -> Any:
     """Return Σ_h [Π_{k≤h} γ₀ (1 − δ_k)] r_h + [Π_{k≤H} γ₀ (1 − δ_k)] V(x_{H+1}), (n,) [TD-CD-MPPI, eq. 9 and 12].
 
     Args:
@@ -74,6 +91,7 @@ def discounted_return(reward: Array, delta: Array, discount: float, value: Array
         discount: γ₀.
         value: V at the last state, (n,); None for none.
     """
-    weight = np.cumprod(discount * (1.0 - delta), axis=1)
-    total = np.einsum("nh,nh->n", weight, reward)
-    return np.asarray(total if value is None else total + weight[:, -1] * value)
+    xp = namespace(reward)
+    weight = xp.cumprod(discount * (1.0 - delta), axis=1)
+    total = xp.einsum("nh,nh->n", weight, reward)
+    return total if value is None else total + weight[:, -1] * value

@@ -32,19 +32,22 @@ class Noise:
 
     Args:
         seed: equal seeds give equal numbers.
-        shape: of an array.
+        shape: of an array, (N, knots + 1, nu); node 0, which is being applied, has zeros.
         pool: of one thread.
     """
 
-    def __init__(self, seed: int, shape: tuple[int, ...], pool: ThreadPoolExecutor) -> None:
+    def __init__(self, seed: int, shape: tuple[int, int, int], pool: ThreadPoolExecutor) -> None:
         self._random, self._shape, self._pool = np.random.default_rng(seed), shape, pool
         self._next: Future[Array] | None = None
 
     def __call__(self) -> Array:
-        """Return the next array; it is the caller's to change."""
+        """Return the next array, (N, knots + 1, nu); it is the caller's to change."""
         drawn = self._draw() if self._next is None else self._next.result()
         self._next = self._pool.submit(self._draw)
         return drawn
 
     def _draw(self) -> Array:
-        return self._random.standard_normal(self._shape)
+        n, nodes, nu = self._shape
+        noise = np.zeros(self._shape)
+        noise[:, 1:] = self._random.standard_normal((n, nodes - 1, nu))
+        return noise

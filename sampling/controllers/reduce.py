@@ -1,6 +1,7 @@
 """Reductions of violations (nc, n, S): the largest of each row, and the discount of each sample and step.
 
-In C where a compiler works, else in NumPy; both read the rows as an evaluator lays them out, steps outermost.
+In C where a compiler works, else in NumPy; both read the rows as an evaluator lays them out, steps outermost. Arrays of
+JAX are reduced by JAX, also within ``jit``.
 """
 
 from __future__ import annotations
@@ -15,22 +16,29 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.codegen import c_library, pointer
 from piaffe.errors import ShapeError
 
+from ..namespace import namespace
+
 Array = NDArray[np.float64]
 
 _DOUBLE = 8  # bytes
 _TINY = 1e-300  # what a maximum of zero is taken for: any violation is full there, and none is none
 
 
-def maxima(violation: Array) -> Array:
+def maxima(violation: Any, failed: Any = None) -> Any:
     """Return the largest violation of each row, (nc,).
 
     Args:
         violation: of an evaluator, (nc, n, S), at least 0; NaN counts as none.
+        failed: samples that do not count, (n,); all count unless given.
 
     Raises:
         ShapeError: it does not have three axes.
     """
-    c = _laid_out(violation)
+    xp = namespace(violation)
+    if xp is not np:
+        found = violation if failed is None else xp.where(failed[:, None], 0.0, violation)
+        return xp.nanmax(found, axis=(1, 2), initial=0.0)
+    c = _laid_out(violation if failed is None or not failed.any() else violation[:, ~failed])
     largest = np.zeros(len(c))
     if not c.size:
         return largest
@@ -41,7 +49,7 @@ def maxima(violation: Array) -> Array:
     return largest
 
 
-def discount(violation: Array, c_max: ArrayLike, p_max: ArrayLike, out: Array | None = None) -> Array:
+def discount(violation: Any, c_max: Any, p_max: ArrayLike, out: Array | None = None) -> Any:
     """Return δ = max_i p_i clip(c_i / c_i^max, 0, 1) of each sample and step, (n, S).
 
     Where c_i^max is zero, any violation counts in full.
@@ -50,11 +58,13 @@ def discount(violation: Array, c_max: ArrayLike, p_max: ArrayLike, out: Array | 
         violation: c of an evaluator, (nc, n, S).
         c_max: c^max of each row, (nc,).
         p_max: p of each row (nc,), of each row and step (nc, S), or one for all.
-        out: memory for the result, (S, n); fresh by default.
+        out: memory for the result, (S, n); fresh by default, and always with JAX.
 
     Raises:
         ShapeError: an array does not fit.
     """
+    if namespace(violation) is not np:
+        return _discount_on_device(violation, c_max, np.asarray(p_max, dtype=float))
     c = _laid_out(violation)
     rows, steps, n = c.shape
     largest, share = np.asarray(c_max, dtype=float), np.asarray(p_max, dtype=float)
@@ -74,6 +84,16 @@ def discount(violation: Array, c_max: ArrayLike, p_max: ArrayLike, out: Array | 
     else:
         delta[:] = 0.0
     return delta.T
+
+
+def _discount_on_device(violation: Any, c_max: Any, p_max: Array) -> Any:
+    """Return δ (n, S) of arrays of JAX, in their precision."""
+    xp = namespace(violation)
+    share = xp.asarray(p_max[:, None] if p_max.ndim == 1 else p_max, violation.dtype)
+    rows, _, steps = violation.shape
+    share = xp.broadcast_to(share, (rows, steps))[:, None]
+    slope = share / xp.maximum(c_max, xp.finfo(violation.dtype).tiny)[:, None, None]
+    return xp.max(xp.fmin(violation * slope, share), axis=0, initial=0.0)
 
 
 def _laid_out(violation: Array) -> Array:

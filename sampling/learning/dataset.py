@@ -79,13 +79,13 @@ class Records:
             reward: how cost becomes reward.
             options: the controller's, for the largest discounts and the floor of c_max.
         """
-        discount = ConstraintDiscount(constraints, options)
-        discount.reset(self.c_max(options.violation_floor))
+        discount = ConstraintDiscount.of(constraints, options)
+        frozen = {"maxima": self.c_max(options.violation_floor)}
         return Transitions(
             inputs=_by_node(inputs, self.states, self.node),
             next_inputs=_by_node(inputs, self.next_states, self.node + 1),
             rewards=reward(self.cost),
-            delta=discount.of(np.ascontiguousarray(self.violation.T)),
+            delta=discount.delta(np.ascontiguousarray(self.violation.T), frozen),
             done=self.done,
             episode=self.episode,
         )

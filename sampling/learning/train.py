@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, replace
 from functools import partial
 from multiprocessing import get_context
@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from piaffe.errors import SamplingError
 from piaffe.ocp import Nodes, Problem
@@ -26,7 +25,8 @@ from .dataset import Records
 from .options import LearnOptions
 from .transitions import Transitions
 
-Step = Callable[[str, int, int], None]
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a stage, how much of it is done, and how much there is."""
 
 
 def train_value(
@@ -41,14 +41,13 @@ def train_value(
     executor: Executor | None = None,
     workers: int = 0,
     precision: Precision = "half",
-    progress: bool = True,
+    progress: Progress | None = None,
 ) -> Value:
     """Learn the value function of the constraint-discounted controller on a problem, and write it to a file.
 
     Three stages, as published, in as many rounds as asked for: ordinary MPPI, in later rounds the controller itself,
     finds states that sampled roll-outs come to; the controller goes on from each of them; TD(0) learns from what it
-    did. A run that is cut off goes on where it
-    was when it is started again.
+    did. A run that is cut off goes on where it was when it is started again.
 
     Args:
         problem: the declaration; with an executor or workers a function that returns it, importable there.
@@ -61,7 +60,7 @@ def train_value(
         executor: makes shards side by side.
         workers: processes that do so where no executor is given; none, and this process does.
         precision: of the weights in the file.
-        progress: show bars.
+        progress: called as the stages go on; ``piaffe.viz.stage_bars`` shows bars.
 
     Returns:
         The value, as read back from the file.
@@ -77,6 +76,12 @@ def train_value(
             f"train_value: γ₀ differs between controller and learner - got discount {learning.discount:g} in learning, "
             f"expected {collecting.follow.discount:g} as in collecting.follow; give the same"
         )
+    if not (progress is None or callable(progress)):
+        raise SamplingError(
+            f"train_value: progress is no function - got {progress!r}, expected a function of a stage's name, what is "
+            "done and what there is; leave it out, or pass that of `with piaffe.viz.stage_bars() as progress`"
+        )
+    step = progress or _silent
     learn = _learner()
     target = Path(out)
     folder = Path(work) if work is not None else target.with_suffix(".work")
@@ -86,7 +91,7 @@ def train_value(
     records: Records | None = None
     value: Value | None = None
     kept: Path | None = None
-    with _bars(progress) as step, _pool(executor, workers) as pool:
+    with _pool(executor, workers) as pool:
         for number in range(collecting.rounds):
             stage = f"round {number + 1}: " if collecting.rounds > 1 else ""
             place = folder / f"round-{number}"
@@ -106,6 +111,10 @@ def train_value(
             value.save(kept)
     assert value is not None
     return load_value(value.save(target, precision), features=inputs.features)
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """Show nothing."""
 
 
 def _pool(executor: Executor | None, workers: int) -> AbstractContextManager[Executor | None]:
@@ -155,17 +164,3 @@ def _fall(nodes: Nodes) -> dict[str, float]:
     from piaffe.models import Fall
 
     return {name: float(value) for name, value in asdict(Fall()).items()}
-
-
-@contextmanager
-def _bars(shown: bool) -> Iterator[Step]:
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, disable=not shown) as bars:
-        tasks: dict[str, Any] = {}
-
-        def step(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=total)
-            bars.update(tasks[stage], completed=done, total=total)
-
-        yield step

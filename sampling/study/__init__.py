@@ -15,7 +15,6 @@ from .tables import listed as listed
 from .tables import text_of as text_of
 from .tables import varied as varied
 from .tables import write_tables as write_tables
-from .trials import TITLES as TITLES
 from .trials import Trial as Trial
 from .trials import complete as complete
 from .trials import prepare as prepare

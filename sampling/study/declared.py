@@ -14,6 +14,7 @@ from typing import Any
 from piaffe.errors import PiaffeError, ProblemError, UnknownNameError
 from piaffe.ocp import Problem, candidates, does_not_run, run, split
 
+from ..controllers import CONTROLLERS, Sampler
 from ..options import Options
 from ..reward import Reward
 
@@ -33,6 +34,7 @@ class Declared:
         reward: the file's ``reward``, else one of scale 1.
         value: the file's ``value``: a path, relative to the file, or what it holds.
         options: the file's ``options``: of all controllers, or by controller's name.
+        controllers: those of Piaffe and the file's ``controllers``, classes by name.
     """
 
     path: Path
@@ -42,6 +44,7 @@ class Declared:
     reward: Reward = field(default_factory=Reward)
     value: Any = None
     options: Options | Mapping[str, Any] = field(default_factory=dict)
+    controllers: Mapping[str, type[Sampler]] = field(default_factory=lambda: CONTROLLERS)
 
     def problem(self, settings: Mapping[str, Any] | None = None, horizon: int | None = None) -> Problem:
         """Return the problem.
@@ -109,6 +112,7 @@ def load_declared(spec: str, *, quiet: bool = False) -> Declared:
         _of_kind(module, path, "reward", (Reward,), Reward()),
         getattr(module, "value", None),
         _of_kind(module, path, "options", (Options, Mapping), {}),
+        {**CONTROLLERS, **_controllers(module, path)},
     )  # fmt: skip
 
 
@@ -132,6 +136,23 @@ def _settings(path: Path, name: str, make: Callable[..., Any]) -> dict[str, Any]
             )
         settings[argument.name] = argument.default
     return settings
+
+
+def _controllers(module: ModuleType, path: Path) -> dict[str, type[Sampler]]:
+    """Return a file's own controllers by name."""
+    found: Mapping[str, Any] = _of_kind(module, path, "controllers", (Mapping,), {})
+    for name, kind in found.items():
+        if not (isinstance(kind, type) and issubclass(kind, Sampler)):
+            raise ProblemError(
+                f"file '{path}', controllers: '{name}' is no controller - got {kind!r}, expected a subclass of "
+                "sampling.Sampler; name the class, not an object of it"
+            )
+        if name in CONTROLLERS:
+            raise ProblemError(
+                f"file '{path}', controllers: '{name}' has the name of a controller of Piaffe - got {kind.__name__}, "
+                f"expected another name than {list(CONTROLLERS)}; rename it"
+            )
+    return dict(found)
 
 
 def _of_kind(module: ModuleType, path: Path, name: str, kinds: tuple[type, ...], default: Any) -> Any:

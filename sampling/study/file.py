@@ -15,7 +15,7 @@ from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 
 from .declared import Declared, load_declared
 from .study import Case, grid
-from .trials import TITLES, complete, located, options_of, plant_of, prepare
+from .trials import complete, located, options_of, plant_of, prepare
 
 OWN = ("file", "seeds", "series", "grid")
 
@@ -80,7 +80,7 @@ def read_study(path: Path) -> StudyFile:
         if settings["value"] is not None:
             made_from["value"] = content_digest(Path(settings["value"]))
             settings["value"] = os.path.relpath(settings["value"], path.parent)  # the same study in any checkout
-        label = label or TITLES[settings["controller"]]
+        label = label or declared.controllers[settings["controller"]].title
         cases += [Case(label, settings, seed, made_from) for seed in seeds]
     if not cases:
         raise SamplingError(f"{where}: has no episodes - got an empty list, expected values to vary; correct the list")

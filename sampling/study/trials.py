@@ -10,12 +10,9 @@ from typing import Any
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 from piaffe.simulation import Episode, Progress, Spread, run_episode
 
-from ..controllers import DIAL, MPPI, TDCDMPPI
+from ..controllers import Sampler
 from ..options import Options
 from .declared import Declared
-
-CONTROLLERS: Mapping[str, type[MPPI]] = {"td-cd": TDCDMPPI, "dial": DIAL, "mppi": MPPI}
-TITLES: Mapping[str, str] = {"td-cd": "TD-CD-MPPI", "dial": "DIAL-MPC", "mppi": "MPPI"}
 
 NO_VALUE = "none"
 RUN: Mapping[str, Any] = {
@@ -42,7 +39,7 @@ class Trial:
         spread: how initial states differ.
     """
 
-    controller: MPPI
+    controller: Sampler
     plant: Any
     settings: Mapping[str, Any]
     spread: Spread
@@ -99,8 +96,8 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
             raise UnknownNameError(where, "setting", name, known)
     settings = {**RUN, **given}
     kind = settings["controller"]
-    if kind not in CONTROLLERS:
-        raise UnknownNameError(where, "controller", str(kind), CONTROLLERS)
+    if kind not in declared.controllers:
+        raise UnknownNameError(where, "controller", str(kind), declared.controllers)
     for name in ("steps", "horizon"):
         value = settings[name]
         if not (value is None and name == "horizon") and (isinstance(value, bool) or not _whole(value)):
@@ -129,15 +126,17 @@ def options_of(declared: Declared, settings: Mapping[str, Any], threads: int | N
     kind = settings["controller"]
     if isinstance(declared.options, Mapping):
         for name in declared.options:
-            if name not in CONTROLLERS:
-                raise UnknownNameError(f"file '{declared.path}', options", "controller", str(name), CONTROLLERS)
+            if name not in declared.controllers:
+                raise UnknownNameError(
+                    f"file '{declared.path}', options", "controller", str(name), declared.controllers
+                )
     changed: Any = declared.options if isinstance(declared.options, Options) else declared.options.get(kind, {})
     if isinstance(changed, Options):  # what it leaves as it is, it leaves to the controller
         usual = Options()
         changed = {name: getattr(changed, name) for name in OPTIONS if getattr(changed, name) != getattr(usual, name)}
     own = {name: settings[name] for name in OPTIONS if name in settings}
     try:
-        options = replace(CONTROLLERS[kind].defaults, **changed)
+        options = replace(declared.controllers[kind].defaults, **changed)
     except TypeError as error:
         raise SamplingError(
             f"file '{declared.path}', options of '{kind}': cannot be used - got {error}, expected a sampling.Options "
@@ -172,10 +171,10 @@ def value_of(declared: Declared, settings: Mapping[str, Any], where: str, folder
     kind, given = settings["controller"], settings["value"]
     if given == NO_VALUE or (given is None and declared.value is None):
         return None
-    if not issubclass(CONTROLLERS[kind], TDCDMPPI):
+    if not declared.controllers[kind].uses_value:
         if given is None:
             return None
-        users = [name for name, controller in CONTROLLERS.items() if issubclass(controller, TDCDMPPI)]
+        users = [name for name, controller in declared.controllers.items() if controller.uses_value]
         raise SamplingError(
             f"{where}: controller '{kind}' uses no value - got '{given}', expected '{NO_VALUE}' or controller "
             f"{' or '.join(map(repr, users))}; change one of them"
@@ -209,9 +208,9 @@ def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None
     """
     own = {name: settings[name] for name in declared.settings if name in settings and name != "horizon"}
     problem = declared.problem(own, settings["horizon"])
-    kind = CONTROLLERS[settings["controller"]]
+    kind = declared.controllers[settings["controller"]]
     allow = settings["allow"].replace(",", " ").split()
-    extra = {"value": settings["value"], "allow": allow} if issubclass(kind, TDCDMPPI) else {}
+    extra = {"value": settings["value"], "allow": allow} if kind.uses_value else {}
     controller = kind(problem, options_of(declared, settings, threads), reward=declared.reward, **extra)
     return Trial(controller, plant_of(controller.model, settings), settings, spread_of(settings, "settings"))
 

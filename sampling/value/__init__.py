@@ -13,6 +13,7 @@ from .network import Layer as Layer
 from .network import Network as Network
 from .network import Single as Single
 from .store import Precision as Precision
+from .store import Served as Served
 from .store import Value as Value
 from .store import digest as digest
 from .store import load_value as load_value

@@ -31,7 +31,7 @@ def traced_value(value: Any, mode: LoweredMode) -> Callable[[Any, Any], Any]:
     """
     if not isinstance(value, Value):
         raise SamplingError(
-            f"fused stage: value cannot be compiled - got {type(value).__name__}, expected a value that was learnt "
+            f"device stage: value cannot be compiled - got {type(value).__name__}, expected a value that was learnt "
             'with this package; choose engine="native"'
         )
     jnp = import_jax().numpy

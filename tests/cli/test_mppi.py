@@ -13,9 +13,10 @@ import pytest
 from piaffe.cli.app import main
 from piaffe.cli.episodes import summary
 from piaffe.errors import FileFormatError, PiaffeError, ProblemError, SamplingError, UnknownNameError
+from piaffe.sampling import CONTROLLERS
 from piaffe.sampling.study.declared import load_declared
 from piaffe.sampling.study.records import load_episodes
-from piaffe.sampling.study.trials import CONTROLLERS, complete, options_of, prepare
+from piaffe.sampling.study.trials import complete, options_of, prepare
 
 QUICK = ("--controller", "dial", "--steps", "3")
 

@@ -37,35 +37,34 @@ def test_a_violation_never_pays():
 
 
 def test_the_worst_constraint_counts():
-    discount = ConstraintDiscount(("a", "a", "b"), Options(p_max={"a": 0.2, "b": 0.5}, violation_floor=1e-9))
-    discount.follow(np.array([2.0, 1.0, 4.0]))
+    discount = ConstraintDiscount.of(("a", "a", "b"), Options(p_max={"a": 0.2, "b": 0.5}, violation_floor=1e-9))
+    memory = discount.follow(discount.initial_memory(), np.array([2.0, 1.0, 4.0]))
     violation = np.array([[1.0, 0.0, 9.0], [0.0, 0.0, 9.0], [0.0, 2.0, 0.0]])[:, None, :]
-    assert discount.of(violation)[0] == pytest.approx([0.2 * 0.5, 0.5 * 0.5, 0.2])
+    assert discount.delta(violation, memory)[0] == pytest.approx([0.2 * 0.5, 0.5 * 0.5, 0.2])
 
 
 def test_a_constraint_without_share_is_left_out():
-    discount = ConstraintDiscount(("a", "b"), Options(p_max={"a": 0.0}))
-    discount.follow(np.array([1.0, 1.0]))
-    assert discount.of(np.array([[[1.0]], [[0.0]]])) == pytest.approx(0.0)
+    discount = ConstraintDiscount.of(("a", "b"), Options(p_max={"a": 0.0}))
+    memory = discount.follow(discount.initial_memory(), np.array([1.0, 1.0]))
+    assert discount.delta(np.array([[[1.0]], [[0.0]]]), memory) == pytest.approx(0.0)
 
 
 def test_maxima_follow_the_batch_and_never_fall_below_the_floor():
-    discount = ConstraintDiscount(("a",), Options(violation_rate=0.25, violation_floor=0.1))
-    discount.follow(np.array([8.0]))
-    assert discount.maxima == pytest.approx(8.0)
-    discount.follow(np.array([0.0]))
-    assert discount.maxima == pytest.approx(6.0)
+    discount = ConstraintDiscount.of(("a",), Options(violation_rate=0.25, violation_floor=0.1))
+    first = discount.follow(discount.initial_memory(), np.array([8.0]))
+    assert discount.maxima(first) == pytest.approx(8.0)
+    memory = discount.follow(first, np.array([0.0]))
+    assert discount.maxima(memory) == pytest.approx(6.0)
+    assert discount.maxima(first) == pytest.approx(8.0)  # what was remembered stays as it was
     for _ in range(60):
-        discount.follow(np.array([0.0]))
-    assert discount.maxima == pytest.approx(0.1)
-    discount.reset()
-    discount.follow(np.array([0.2]))
-    assert discount.maxima == pytest.approx(0.2)
+        memory = discount.follow(memory, np.array([0.0]))
+    assert discount.maxima(memory) == pytest.approx(0.1)
+    assert discount.maxima(discount.follow(discount.initial_memory(), np.array([0.2]))) == pytest.approx(0.2)
 
 
 def test_a_share_for_a_constraint_that_is_not_there_is_refused():
     with pytest.raises(PiaffeError, match="no constraint 'hight'"):
-        ConstraintDiscount(("height",), Options(p_max={"hight": 0.1}))
+        ConstraintDiscount.of(("height",), Options(p_max={"hight": 0.1}))
 
 
 def test_weights_of_equal_returns_are_equal():

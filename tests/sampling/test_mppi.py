@@ -50,8 +50,8 @@ def test_a_plan_is_one_of_its_kind(trot, kind):
 def test_the_plan_is_the_mean_of_the_samples_by_weight(trot):
     controller = controller_of(trot, first_stages=1)
     seen = []
-    perturbed = controller._perturbed
-    controller._perturbed = lambda *arguments: seen.append(perturbed(*arguments).copy()) or seen[-1]
+    update = controller.update
+    controller.update = lambda xp, samples, *rest: seen.append(samples.copy()) or update(xp, samples, *rest)
     plan = controller.plan(trot.initial, 0.0)
     mean = np.einsum("n,njc->jc", plan.weights, seen[-1])
     assert plan.controls == pytest.approx(controller._controls(mean[None])[0], abs=1e-12)
@@ -148,7 +148,8 @@ def test_terms_at_the_end_count_once_more(trot):
     controller = controller_of(with_end)
     plan = controller.plan(with_end.initial, 0.0)
     running = np.exp(-plan.cost)
-    last = np.exp(-controller._last(plan.states[:, -1], 5))
+    speeds = plan.states[:, -1, controller.model.state.slices[base.linear_velocity]]
+    last = np.exp(-0.5e3 * np.sum((speeds - controller.nodes.sample(5)[base.linear_velocity]) ** 2, axis=1))
     assert plan.returns == pytest.approx((running.sum(axis=1) + last) / 6, rel=1e-9)
     assert last.max() < 1.0
 

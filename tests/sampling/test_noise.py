@@ -11,5 +11,6 @@ def test_arrays_drawn_ahead_are_those_of_one_generator():
         noise = Noise(3, (5, 4, 2), pool)
         for _ in range(3):
             drawn = noise()
-            assert np.array_equal(drawn, random.standard_normal((5, 4, 2)))
+            assert np.array_equal(drawn[:, 1:], random.standard_normal((5, 3, 2)))
+            assert np.all(drawn[:, 0] == 0.0)  # node 0 is being applied
             drawn[:] = 0.0  # it is the caller's

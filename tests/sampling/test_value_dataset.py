@@ -271,7 +271,7 @@ def test_first_round_is_followed_alone_and_later_ones_begin_in_roll_outs_with_th
     assert not isinstance(first.explore, TDCDMPPI)
     assert first.follow.options == alone
     file = tmp_path / "trot.value"
-    train_value(problem, file, collecting=options, learning=LEARN, progress=False)
+    train_value(problem, file, collecting=options, learning=LEARN)
     later = Actors.of(problem, options, Reward(), file)
     for controller in (later.explore, later.follow):
         assert controller.options == SMALL.follow
@@ -308,7 +308,7 @@ def test_trained_value_serves_its_controller_and_no_other(plant: models.Mujoco, 
     pytest.importorskip("flax")
     problem = trot_problem(plant=plant)
     file = tmp_path / "trot.value"
-    value = train_value(problem, file, collecting=SMALL, learning=LEARN, progress=False)
+    value = train_value(problem, file, collecting=SMALL, learning=LEARN)
     assert value.record["transitions"] == 12
     assert value.record["episodes"] == 4
     np.testing.assert_array_equal(value.record["curves"]["update"], [5, 10])
@@ -317,11 +317,10 @@ def test_trained_value_serves_its_controller_and_no_other(plant: models.Mujoco, 
     assert np.all(np.isfinite(plan.returns))
     with pytest.raises(SamplingError, match=r"'discount' 0.8, expected 0.9"):
         TDCDMPPI(problem, discount=0.8, value=file)
-    again = train_value(problem, tmp_path / "again", work=file.with_suffix(".work"), collecting=SMALL, learning=LEARN,
-                        progress=False)  # fmt: skip
+    again = train_value(problem, tmp_path / "again", work=file.with_suffix(".work"), collecting=SMALL, learning=LEARN)
     np.testing.assert_array_equal(again.network.head, load_value(file).network.head)
 
 
 def test_learning_with_another_discount_is_refused(plant: models.Mujoco, tmp_path: Path) -> None:
     with pytest.raises(SamplingError, match=r"got discount 0.95 in learning, expected 0.9"):
-        train_value(trot_problem(plant=plant), tmp_path / "v", learning=LearnOptions(discount=0.95), progress=False)
+        train_value(trot_problem(plant=plant), tmp_path / "v", learning=LearnOptions(discount=0.95))

@@ -17,7 +17,7 @@ from .doctor import doctor
 from .picture_commands import plot, video, view
 from .problem_commands import check, describe, solve, verify
 from .reports import plain, terminal
-from .sampling_commands import mppi, study
+from .sampling_commands import NamesControllers, mppi, study
 
 COMMANDS = (describe, solve, verify, check, plot, video, view, doctor, cache, mppi, study)
 
@@ -64,4 +64,4 @@ def options(
 
 
 for command in COMMANDS:
-    app.command()(command)
+    app.command(cls=NamesControllers if command is mppi else None)(command)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from piaffe.sampling import TITLES, Trial
+from piaffe.sampling import Trial
 from piaffe.simulation import Episode
 
 from .reports import new_table
@@ -59,12 +59,12 @@ def mean(rows: Sequence[Mapping[str, Any]], key: str) -> float:
     return float(np.mean([row[key] for row in rows]))
 
 
-def print_episodes(console: Console, values: Mapping[str, Any]) -> None:
+def print_episodes(console: Console, trial: Trial, values: Mapping[str, Any]) -> None:
     """Print a line per seed, the means of all, what each constraint missed, and the verdict."""
-    settings, dt = values["settings"], values["dt_s"]
-    value = "" if values["controller"] != "td-cd" else ", with a value" if settings["value"] else ", without a value"
+    settings, dt, kind = values["settings"], values["dt_s"], type(trial.controller)
+    value = "" if not kind.uses_value else ", with a value" if settings["value"] else ", without a value"
     console.print(
-        f"[bold]{TITLES[values['controller']]}[/], H = {settings['horizon']} ({settings['horizon'] * dt:.2f} s), "
+        f"[bold]{kind.title}[/], H = {settings['horizon']} ({settings['horizon'] * dt:.2f} s), "
         f"{settings['samples']} samples, λ = {settings['temperature']:g}{value}, "
         f"engine {settings['engine']}; plant '{values['plant']}'",
         soft_wrap=True,

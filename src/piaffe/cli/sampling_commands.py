@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.progress import Progress, TaskID
+from typer.core import TyperCommand, TyperOption
 
 from piaffe.errors import SamplingError
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 
 STALE = ("refuse", "keep", "redo")
 
+CONTROLLER = "Its name: {known}, or one of FILE's `controllers`."
+
 SampledFile = Annotated[
     str,
     typer.Argument(
@@ -29,9 +33,22 @@ SampledFile = Annotated[
 ]
 
 
+class NamesControllers(TyperCommand):
+    """A command whose help names the controllers; they are imported when it is asked for."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help."""
+        from piaffe.sampling import CONTROLLERS
+
+        for option in self.params:
+            if isinstance(option, TyperOption) and option.help == CONTROLLER:
+                option.help = CONTROLLER.format(known=", ".join(CONTROLLERS))
+        super().format_help(ctx, formatter)
+
+
 def mppi(
     file: SampledFile,
-    controller: Annotated[str, typer.Option(help="td-cd, dial or mppi.")] = "td-cd",
+    controller: Annotated[str, typer.Option(help=CONTROLLER)] = "td-cd",
     value: Annotated[
         str | None, typer.Option(metavar="V", help="Value at the horizon's end; the file's by default, or `none`.")
     ] = None,
@@ -124,14 +141,13 @@ def mppi(
 
         said.append(plot_episodes(plot, trial, episodes))
     if video is not None:
-        from piaffe.sampling import TITLES
         from piaffe.viz import film_episode
 
-        said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=TITLES[controller]))
+        said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=trial.controller.title))
     if json:
         print(as_json(values))
     else:
-        print_episodes(terminal(), values)
+        print_episodes(terminal(), trial, values)
         for path in said:
             print(f"saved {path}")
     raise typer.Exit(0 if values["successes"] == len(chosen) else FAILED)

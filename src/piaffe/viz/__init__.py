@@ -13,6 +13,7 @@ from . import gl as gl
 
 if TYPE_CHECKING:  # what a type checker and import-linter read; `_MODULES` says the same to Python
     from .bars import progress_bars as progress_bars
+    from .bars import stage_bars as stage_bars
     from .building import start_solver as start_solver
     from .cuts import cuts_of as cuts_of
     from .cuts import is_sheet as is_sheet
@@ -32,6 +33,7 @@ if TYPE_CHECKING:  # what a type checker and import-linter read; `_MODULES` says
 else:
     _MODULES = {
         "progress_bars": "bars",
+        "stage_bars": "bars",
         "start_solver": "building",
         "cuts_of": "cuts",
         "is_sheet": "cuts",

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from piaffe.models import base
 from piaffe.ocp import rotation
-from piaffe.sampling import TITLES, Trial
+from piaffe.sampling import Trial
 from piaffe.simulation import Episode
 
 from .figure import require_picture, save_figure
@@ -43,7 +43,7 @@ def plot_episodes(path: Path, trial: Trial, episodes: Mapping[int, Episode]) -> 
         won = sum(episode.success for episode in episodes.values())
         controller = trial.controller
         figure.suptitle(
-            f"{TITLES[trial.settings['controller']]}   ·   H = {controller.steps}, {controller.options.samples} samples"
+            f"{controller.title}   ·   H = {controller.steps}, {controller.options.samples} samples"
             f"   ·   success in {won} of {len(episodes)}",
             x=0.012, ha="left", fontsize=11,
         )  # fmt: skip

@@ -1,0 +1,308 @@
+"""The base of every sampler: a receding horizon on roll-outs, in which three methods are called."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import cached_property
+from os import PathLike
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import SamplingError
+from piaffe.models import base, joints
+from piaffe.ocp import NodeNumbers, Nodes, Problem
+from piaffe.simulation import Judgement
+
+from ..engines import engine_for
+from ..evaluators import evaluator
+from ..options import Options
+from ..reward import Reward
+from . import horizon
+from .contract import require_methods
+from .device_stage import DeviceStage
+from .host_stage import HostStage, lap
+from .noise import Noise, deviations
+from .plan import Plan
+from .spline import Spline
+from .stage import Memory, Rolled, Stage, Staged, TerminalValue
+from .terminal import terminal_value
+
+Array = NDArray[np.float64]
+
+
+class Sampler:
+    """A sampling controller. A subclass says how it samples, what roll-outs return, and how the plan is updated.
+
+    The problem's schedule is ``model.over(H dt, dt)``. Steps 0 … H are simulated: control 0 is the one that is being
+    applied while the plan is made, so it is not perturbed, and H are free. Controls are nodes of a spline in halves of
+    their range about its centre [DIAL-MPC]. A plan is made in stages, each of them:
+
+    1. :meth:`sample`: plans to try; they are clipped, and the plan as it was is one more, the last one;
+    2. roll-outs, their costs and violations;
+    3. :meth:`returns`: a number for each roll-out; failed ones get the worst;
+    4. :meth:`update`: the new plan.
+
+    The three methods get ``xp``, which is ``numpy`` or, on ``engine="mjx"``, ``jax.numpy``: there they are traced and
+    compiled with all the rest. So they are pure: what lasts from stage to stage is in ``memory``, which comes in and
+    goes out, and arrays are not changed in place.
+
+    Args:
+        problem: the declaration; its schedule is one MuJoCo model.
+        options: see :class:`Options`; the class's ``defaults`` unless given.
+        reward: how cost becomes reward.
+        value: what roll-outs are still going to return after their last state: a function, a value or its file. For
+            samplers with ``uses_value``.
+        allow: what may differ between this controller and the one that the value was learned from, as ``("terrain",)``;
+            see :meth:`piaffe.sampling.value.Value.check`.
+        **changed: single options, as ``samples=512``.
+
+    Attributes:
+        title: what tables and figures call it; the class's name unless given.
+        defaults: its options.
+        uses_value: whether its returns use ``rolled.value``.
+
+    Raises:
+        SamplingError: a method is missing, an option is out of range, the model has no range of controls, or the value
+            was learned for something else.
+        ProblemError: the problem is not one that can be sampled.
+    """
+
+    title: ClassVar[str] = "Sampler"
+    defaults: ClassVar[Options] = Options(stage_factor=1.0, node_factor=1.0, first_stages=1)
+    uses_value: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "title" not in vars(cls):
+            cls.title = cls.__name__
+
+    def __init__(
+        self,
+        problem: Problem,
+        options: Options | None = None,
+        *,
+        reward: Reward | None = None,
+        value: TerminalValue | str | PathLike[str] | None = None,
+        allow: Collection[str] = (),
+        **changed: Any,
+    ) -> None:
+        require_methods(type(self), Sampler)
+        self.options = replace(options or self.defaults, **changed)
+        self.problem, self.reward = problem, Reward() if reward is None else reward
+        if not isinstance(self.reward, Reward):
+            raise SamplingError(
+                f"controller: reward is unusable - got {reward!r}, expected a sampling.Reward; pass Reward(scale=...)"
+            )
+        if value is not None and not self.uses_value:
+            raise SamplingError(
+                f"controller '{type(self).__name__}': uses no value - got {value!r}, expected None; leave it out, or "
+                "set uses_value = True in the class and use rolled.value in returns"
+            )
+        self.nodes = Nodes(problem)
+        self.model = horizon.simulated(problem)
+        self.dt = self.nodes.dt
+        self.steps = horizon.steps_of(problem, self.dt)
+        self.spline = Spline(self.options.knots, self.steps)
+        self.engine = engine_for(self.model, self.options.engine, threads=self.options.threads)
+        self._on_device = self.options.engine == "mjx"
+        self.evaluator = evaluator(
+            self.nodes.mode, "jax" if self._on_device else "native", threads=self.options.threads
+        )
+        self.constraints = self.evaluator.constraints(self.nodes.terms)
+        self.value = terminal_value(value, self, allow)
+        self._centre = 0.5 * (self.model.action.upper + self.model.action.lower)
+        self._half = 0.5 * (self.model.action.upper - self.model.action.lower)
+        self._drawing = ThreadPoolExecutor(1)
+        self.reset()
+
+    # ---- what a sampler says
+
+    def initial_memory(self) -> Memory:
+        """Return what is remembered at first: arrays by name, whose names and shapes stay; nothing by default."""
+        return {}
+
+    def sample(self, xp: Any, plan: Any, noise: Any, stage: Stage, memory: Memory) -> Any:
+        """Return the plans to try, (N, knots + 1, nu), in halves of the controls' range.
+
+        What is beyond ±1 is clipped, and node 0 is replaced by that of the plan.
+
+        Args:
+            xp: ``numpy`` or ``jax.numpy``.
+            plan: the plan so far, (knots + 1, nu).
+            noise: standard normal numbers, (N, knots + 1, nu), zero at node 0.
+            stage: which stage this is, with the deviations of the options' schedule.
+            memory: what is remembered.
+        """
+        raise NotImplementedError
+
+    def returns(self, xp: Any, rolled: Rolled, memory: Memory) -> tuple[Any, Memory]:
+        """Return the return of every roll-out, (n,), more is better, and what is remembered.
+
+        Args:
+            xp: ``numpy`` or ``jax.numpy``.
+            rolled: the roll-outs; n = N + 1, the last one is that of the plan.
+            memory: what is remembered.
+        """
+        raise NotImplementedError
+
+    def update(self, xp: Any, samples: Any, returns: Any, memory: Memory) -> tuple[Any, Any, Memory]:
+        """Return the new plan (knots + 1, nu), the weight of every sample (n,), and what is remembered.
+
+        Weights say how much each sample counts, and sum up to one; they are for reports.
+
+        Args:
+            xp: ``numpy`` or ``jax.numpy``.
+            samples: what was rolled out, (n, knots + 1, nu); the last one is the plan so far.
+            returns: of the roll-outs, (n,), finite: failed ones have the worst.
+            memory: what is remembered.
+        """
+        raise NotImplementedError
+
+    # ---- what samplers share
+
+    def mean_reward(self, rolled: Rolled) -> Any:
+        """Return the mean reward of every roll-out, (n,); terms ``at="end"`` count as one step more."""
+        rewards = self.reward(rolled.cost)
+        if rolled.last is None:
+            return rewards.mean(axis=1)
+        return (rewards.sum(axis=1) + self.reward(rolled.last)) / (rewards.shape[1] + 1)
+
+    # ---- use
+
+    @property
+    def memory(self) -> Memory:
+        """What the sampler remembers, as the last plan left it."""
+        return self.initial_memory() if self._memory is None else self._memory
+
+    def reset(self, seed: int | None = None) -> None:
+        """Forget the last plan and all that is remembered, and begin the perturbations anew."""
+        shape = (self.options.samples, self.options.knots + 1, len(self._centre))
+        self._noise = Noise(self.options.seed if seed is None else seed, shape, self._drawing)
+        self._plan: Array | None = None  # nodes (knots + 1, nu) in halves of the range
+        self._memory: Memory | None = None
+        self._time = 0.0
+
+    def plan(self, x: ArrayLike, t: float) -> Plan:
+        """Return a plan from a state.
+
+        Args:
+            x: state (nx,), finite.
+            t: time since the motion's start [s]; in multiples of dt unless ``shift="elapsed"``.
+
+        Raises:
+            ShapeError: the state has the wrong size.
+            SamplingError: the state or the time is not finite, or the time negative or no multiple of dt; or a method
+                of the sampler returns a wrong shape or NaN.
+        """
+        start = horizon.checked_state(x, self.model)
+        if not 0.0 <= t < float("inf"):
+            raise SamplingError(
+                f"plan: time is out of range - got {t!r}, expected seconds since the motion's start; pass those"
+            )
+        k = round(t / self.dt)
+        first = self._plan is None
+        plan = self._first_guess(start) if self._plan is None else self._shifted(self._plan, t)
+        numbers = self.nodes.running(k, self.steps + 1)
+        memory = self.memory
+        seconds: dict[str, float] = defaultdict(float)
+        stages = self.options.first_stages if first else self.options.stages
+        for i in range(stages):
+            began = time.perf_counter()
+            stage = Stage(i, stages, deviations(self.options, i, stages)[:, None])
+            noise = self._noise()
+            lap(seconds, "sample", began)
+            staged = self._stage(start, plan, noise, stage, memory, k, numbers, seconds)
+            plan, memory = staged.plan, staged.memory
+        self._plan, self._memory, self._time = plan, memory, t
+        return self._report(t, staged, seconds)
+
+    @cached_property
+    def _stage(self) -> HostStage | DeviceStage:
+        return DeviceStage(self) if self._on_device else HostStage(self)
+
+    # ---- in closed loop
+
+    @property
+    def initial(self) -> Array:
+        """Initial state of the problem (nx,)."""
+        return self.problem.initial
+
+    def hold(self, x: Array) -> Array:
+        """Return the control that holds the joints where they are, (nu,); no torque where controls are torques."""
+        if self.model.action.quantity == joints.target:
+            return np.asarray(x[self.model.state.slices[joints.position]])
+        return np.zeros_like(self._centre)
+
+    def judge(self, states: Array, actions: Array, t: float) -> Judgement:
+        """Return cost, reward and violations of what happened.
+
+        Args:
+            states: (T, nx), ``dt`` apart.
+            actions: (T, nu).
+            t: time of the first [s].
+        """
+        numbers = self.nodes.running(round(t / self.dt), len(actions))
+        cost, violation = self.score(states[None], actions[None], numbers)
+        return Judgement(cost[0].copy(), self.reward(cost[0]), violation[:, 0].copy(), self.constraints)
+
+    def place(self, t: float) -> Array:
+        """Return where the reference wants the base at a time [s], x and y, (2,) [m]."""
+        return np.asarray(self.nodes.sample(round(t / self.dt))[base.position], dtype=float)[:2]
+
+    def score(self, states: Array, controls: Array, numbers: NodeNumbers) -> tuple[Array, Array]:
+        """Return running costs (n, S) and violations (nc, n, S); the next call of this size overwrites them.
+
+        Args:
+            states: (n, S, nx).
+            controls: (n, S, nu).
+            numbers: of the S nodes.
+        """
+        return self.evaluator.stage(states, controls, numbers.p, numbers.weight, numbers.g_mask, numbers.h_mask)
+
+    # ---- from plan to plan
+
+    def _first_guess(self, start: Array) -> Array:
+        """Return the plan that holds the joints where they are, or no torque."""
+        held = self.hold(start)
+        return np.tile(np.clip((held - self._centre) / self._half, -1.0, 1.0), (self.options.knots + 1, 1))
+
+    def _shifted(self, plan: Array, t: float) -> Array:
+        """Return the last plan, seen from time t [s]."""
+        if self.options.shift == "elapsed":
+            return horizon.moved(self.spline, plan, (t - self._time) / self.dt)
+        return horizon.moved_by_steps(self.spline, plan, t, self._time, self.dt)
+
+    def _controls(self, plans: Array) -> Array:
+        """Return controls in the model's units, (n, H + 1, nu), within their range."""
+        return self.spline.controls(plans, self._centre, self._half)
+
+    def _report(self, t: float, staged: Staged, seconds: dict[str, float]) -> Plan:
+        controls = self._controls(staged.plan[None])[0]
+        return Plan(
+            time=t,
+            action=controls[0],
+            controls=controls,
+            weights=staged.weights,
+            returns=staged.returns,
+            effective_samples=float(1.0 / np.sum(staged.weights**2)),
+            failed=int(staged.rolled.failed.sum()),
+            states=staged.rolled.states,
+            cost=staged.rolled.cost,
+            violation=staged.rolled.violation,
+            missed=self._missed(staged),
+            seconds=dict(seconds),
+        )
+
+    def _missed(self, staged: Staged) -> dict[str, float]:
+        """Return the mean violation of each constraint by weight, of its worst row in every step."""
+        names, rows = np.array(self.constraints), staged.rolled.violation.transpose(0, 2, 1)  # as they lie in memory
+        return {
+            name: float(np.mean(rows[names == name].max(axis=0) @ staged.weights))
+            for name in dict.fromkeys(self.constraints)
+        }

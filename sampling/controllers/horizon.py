@@ -1,0 +1,93 @@
+"""The receding horizon: how long it is, from which state it begins, and how a plan moves on with time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import SamplingError, ShapeError
+from piaffe.models import Mujoco
+from piaffe.ocp import Problem, whole_steps
+
+from .spline import Spline
+
+Array = NDArray[np.float64]
+
+
+def simulated(problem: Problem) -> Mujoco:
+    """Return the MuJoCo model that a problem is scheduled on; raise SamplingError if it is another one."""
+    segment = problem.schedule.segments[0]
+    if not isinstance(segment.model, Mujoco):
+        raise SamplingError(
+            f"schedule ({segment.source}): its model cannot be rolled out - got {type(segment.model).__name__} "
+            f"'{segment.model.name}', expected models.Mujoco(robot); schedule one"
+        )
+    return segment.model
+
+
+def steps_of(problem: Problem, dt: float) -> int:
+    """Return H of a problem's schedule; raise SamplingError if it has none."""
+    segment = problem.schedule.segments[0]
+    if segment.duration is None:
+        raise SamplingError(
+            f"schedule ({segment.source}): has no horizon - got until_end, expected a duration; write "
+            f"model.over(duration, dt={dt:g})"
+        )
+    return whole_steps(segment.duration, dt, f"schedule ({segment.source})")
+
+
+def checked_state(x: ArrayLike, model: Mujoco) -> Array:
+    """Return a state (nx,) as an array; raise if it has another size, or is not finite."""
+    start: Array = np.asarray(x, dtype=float)
+    nx = model.state.nx
+    if start.shape != (nx,):
+        raise ShapeError(
+            f"plan: state has the wrong size - got shape {start.shape}, expected ({nx},); build it with model.state()"
+        )
+    if not np.all(np.isfinite(start)):
+        bad = np.flatnonzero(~np.isfinite(start)).tolist()
+        raise SamplingError(
+            f"plan: state is not finite - got NaN or infinity at entries {bad}, expected numbers; look at what "
+            "measured it"
+        )
+    return start
+
+
+def moved(spline: Spline, plan: Array, elapsed: float) -> Array:
+    """Return a plan some steps later, by the spline that goes on beyond its end; the centre of the range if too late.
+
+    Args:
+        spline: from nodes to controls.
+        plan: nodes (knots + 1, nu) in halves of the controls' range.
+        elapsed: steps, not always whole.
+    """
+    if not 0 <= elapsed <= spline.steps + 1:
+        return np.zeros_like(plan)
+    at = np.linspace(0.0, spline.steps, spline.knots + 1) + elapsed
+    return np.clip(spline.at(at) @ plan, -1.0, 1.0)
+
+
+def moved_by_steps(spline: Spline, plan: Array, t: float, before: float, dt: float) -> Array:
+    """Return a plan whole steps later: its controls from then on, and the centre of their range at the end.
+
+    Args:
+        spline: from nodes to controls.
+        plan: nodes (knots + 1, nu) in halves of the controls' range.
+        t: time now [s].
+        before: time of the plan [s].
+        dt: of a step [s].
+
+    Raises:
+        SamplingError: that is not a whole number of steps, or it is negative.
+    """
+    elapsed = (t - before) / dt
+    count = round(elapsed)
+    if count < 0 or abs(elapsed - count) > 1e-6:
+        raise SamplingError(
+            f"plan at t = {t:g} s: is not a whole number of steps after the last one - got {t - before:g} s, expected "
+            f"a multiple of {dt:g} s; call reset() first, or use shift='elapsed'"
+        )
+    controls = np.zeros((spline.steps + 1, plan.shape[1]))
+    if count <= spline.steps:
+        controls[: spline.steps + 1 - count] = (spline.to_controls @ plan)[count:]
+    return np.clip(spline.to_nodes @ controls, -1.0, 1.0)

@@ -1,0 +1,36 @@
+"""The value at the end of the horizon: a function, a value or its file, looked at before it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from os import PathLike
+
+from piaffe.errors import SamplingError
+
+from ..value import Served, Value, load_value
+from .stage import TerminalValue
+
+
+def terminal_value(
+    value: TerminalValue | str | PathLike[str] | None, controller: Served, allow: Collection[str]
+) -> TerminalValue | None:
+    """Return a value that fits a controller; None for none.
+
+    Args:
+        value: what was given.
+        controller: what it is for.
+        allow: what may differ from what it was learned for.
+
+    Raises:
+        SamplingError: it was learned for something else, or is no value.
+    """
+    if isinstance(value, str | PathLike):
+        return load_value(value, controller, allow=allow)
+    if isinstance(value, Value):
+        value.check(controller.nodes, controller.reward, controller.options, allow)
+    elif not (value is None or callable(value)):
+        raise SamplingError(
+            f"controller: value is unusable - got {type(value).__name__}, expected a function of states, a Value, or "
+            "the path of one; learn one by piaffe.sampling.train_value"
+        )
+    return value
