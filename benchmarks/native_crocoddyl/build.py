@@ -1,0 +1,169 @@
+"""Build the timing program ``standing.cpp``: with Crocoddyl compiled from source for a target, or with its wheel.
+
+The sources are the distributions of the versions that the benchmarks' environment has as wheels. Pinocchio is used as
+headers alone, so that its algorithms are compiled for the target too. Of Crocoddyl the classes are compiled that the
+program needs, each in a unit of its own and with the headers compiled first, as Crocoddyl's own build does it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+
+import crocoddyl
+
+HERE = Path(__file__).parent
+WORK = HERE.parents[1] / ".native-crocoddyl"
+WHEELS = Path(crocoddyl.__file__).parents[4]  # what the wheels share: headers, and libraries in lib
+SDISTS = {"libcrocoddyl": version("libcrocoddyl"), "libpinocchio": version("libpinocchio")}
+EIGEN = "cmeel-eigen==3.4.1"
+
+WHEEL = "wheel"
+OPTIMISATION = ("-O3", "-DNDEBUG")
+LANGUAGE = ("-std=c++17", "-fPIC", "-w")
+DEFINITIONS = (  # those that the CMake targets of Crocoddyl and of Pinocchio's headers export
+    "-DPINOCCHIO_ENABLE_COMPATIBILITY_WITH_VERSION_2", "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
+    "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30", "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
+    "-DBOOST_BIND_GLOBAL_PLACEHOLDERS",
+)  # fmt: skip
+WHEEL_DEFINITIONS = ("-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", "-DPINOCCHIO_WITH_COLLISION")
+WHEEL_LIBRARIES = ("crocoddyl", "pinocchio_default", "boost_serialization", "boost_filesystem")
+
+PLAIN_UNITS = ("core/solver-base", "core/solvers/ddp", "core/solvers/fddp", "core/utils/exception",
+               "core/utils/stop-watch", "core/utils/callbacks")  # fmt: skip
+CLASSES = (  # units that Crocoddyl makes for each scalar type
+    "core/action-base", "core/activation-base", "core/activations/quadratic", "core/activations/weighted-quadratic",
+    "core/actuation-base", "core/constraint-base", "core/constraints/constraint-manager", "core/control-base",
+    "core/controls/poly-zero", "core/cost-base", "core/costs/cost-sum", "core/costs/residual", "core/data/actuation",
+    "core/data/joint", "core/data-collector-base", "core/diff-action-base", "core/integ-action-base",
+    "core/integrator/euler", "core/optctrl/shooting", "core/residual-base", "core/residuals/control", "core/state-base",
+    "multibody/actions/contact-fwddyn", "multibody/actuations/floating-base", "multibody/contact-base",
+    "multibody/contacts/contact-3d", "multibody/contacts/multiple-contacts", "multibody/data/contacts",
+    "multibody/data/multibody", "multibody/force-base", "multibody/residuals/state", "multibody/states/multibody",
+)  # fmt: skip
+HEADERS = ("crocoddyl/core/pch.hpp", "crocoddyl/multibody/pch.hpp")
+
+
+def program_for(target: str) -> Path:
+    """Return the timing program, built now unless that was done.
+
+    Args:
+        target: what ``-march`` takes, for a Crocoddyl compiled from source; or ``"wheel"``, to use the wheel's.
+    """
+    folder = WORK / target
+    recipe = sha256()
+    for path in (Path(__file__), HERE / "standing.cpp"):
+        recipe.update(path.read_bytes())
+    recipe.update("\n".join((compiler(), *(f"{name} {number}" for name, number in SDISTS.items()))).encode())
+    program, stamp = folder / "standing", folder / "recipe"
+    if not (program.exists() and stamp.exists() and stamp.read_text() == recipe.hexdigest()):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        print(f"Building the timing program, {target}; this takes minutes.", file=sys.stderr, flush=True)
+        (_with_wheel if target == WHEEL else _from_source)(folder, target)
+        stamp.write_text(recipe.hexdigest())
+    return program
+
+
+def flags_of(target: str) -> tuple[str, ...]:
+    """Return how the program is compiled, and Crocoddyl where it is compiled from source."""
+    return (*OPTIMISATION, f"-march={'x86-64' if target == WHEEL else target}")
+
+
+def compiler() -> str:
+    """Return the first line that the compiler says about itself."""
+    told = subprocess.run([_cxx(), "--version"], capture_output=True, text=True, check=True).stdout
+    return told.splitlines()[0]
+
+
+def _cxx() -> str:
+    return os.environ.get("CXX", "g++")
+
+
+def _from_source(folder: Path, target: str) -> None:
+    sources = {name: _unpacked(name) for name in SDISTS}
+    headers = sources["libpinocchio"] / "include"
+    flags = [
+        *LANGUAGE, *flags_of(target), *DEFINITIONS, f"-I{sources['libcrocoddyl'] / 'include'}", f"-I{headers}",
+        f"-I{headers / 'pinocchio/deprecated'}", f"-I{_eigen()}",
+        "-isystem", str(WHEELS / "include"),  # Boost, and the headers that configuring writes
+    ]  # fmt: skip
+    source, units = sources["libcrocoddyl"] / "src", {"standing": HERE / "standing.cpp"}
+    units |= {name.replace("/", "_"): source / f"{name}.cpp" for name in PLAIN_UNITS}
+    for name in CLASSES:
+        template = next(path for kind in ("cpp", "cpp_fptype") if (path := source / f"{name}.{kind}.in").exists())
+        unit = folder / f"{name.replace('/', '_')}.cpp"
+        unit.write_text(template.read_text(encoding="utf-8").replace("@SCALAR_TYPE@", "double"), encoding="utf-8")
+        units[unit.stem] = unit
+    first = folder / "first.hpp"
+    first.write_text("".join(f'#include "{header}"\n' for header in HEADERS), encoding="utf-8")
+    _compile([*flags, "-x", "c++-header", str(first), "-o", f"{first}.gch"])
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        jobs = [
+            pool.submit(_compile, [*flags, "-include", str(first), "-c", str(unit), "-o", str(folder / f"{name}.o")])
+            for name, unit in sorted(units.items(), key=lambda item: "contact-fwddyn" not in item[0])  # the longest
+        ]
+        for job in jobs:
+            job.result()
+    Path(f"{first}.gch").unlink()  # half a gigabyte
+    libraries = ["-lboost_serialization", "-lboost_filesystem"]
+    _link(folder, [str(folder / f"{name}.o") for name in units], libraries)
+
+
+def _with_wheel(folder: Path, target: str) -> None:
+    include = WHEELS / "include"
+    flags = [
+        *LANGUAGE, *flags_of(target), *DEFINITIONS, *WHEEL_DEFINITIONS, f"-I{_eigen()}", "-isystem", str(include),
+        "-isystem", str(include / "pinocchio/deprecated"),
+    ]  # fmt: skip
+    _compile([*flags, "-c", str(HERE / "standing.cpp"), "-o", str(folder / "standing.o")])
+    _link(folder, [str(folder / "standing.o")], [f"-l{name}" for name in WHEEL_LIBRARIES])
+
+
+def _link(folder: Path, objects: Sequence[str], libraries: Sequence[str]) -> None:
+    place = WHEELS / "lib"
+    _compile([*objects, f"-L{place}", *libraries, f"-Wl,-rpath,{place}", "-o", str(folder / "standing")])
+
+
+def _compile(arguments: Sequence[str]) -> None:
+    done = subprocess.run([_cxx(), *arguments], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"build of the timing program: {_cxx()} failed\n{done.stderr[-4000:]}")
+
+
+def _unpacked(name: str) -> Path:
+    """Return the folder of a source distribution, downloaded and unpacked now unless that was done."""
+    folder = WORK / f"{name}-{SDISTS[name]}"
+    if not folder.exists():
+        _pip(
+            "download", "--no-deps", "--no-build-isolation", "--no-binary", ":all:", "--dest", str(WORK),
+            f"{name}=={SDISTS[name]}", PYTHONPATH=str(HERE / "metadata_only"),
+        )  # fmt: skip
+        with tarfile.open(WORK / f"{folder.name}.tar.gz") as archive:
+            archive.extractall(WORK, filter="data")
+    return folder
+
+
+def _eigen() -> Path:
+    folder = WORK / "eigen"
+    if not folder.exists():
+        _pip("install", "--no-deps", "--target", str(folder), EIGEN)
+    return folder / "cmeel.prefix" / "include" / "eigen3"
+
+
+def _pip(*arguments: str, **environment: str) -> None:
+    command = [sys.executable, "-m", "pip", "-q", "--disable-pip-version-check", *arguments]
+    subprocess.run(command, env={**os.environ, **environment}, check=True)
+
+
+if __name__ == "__main__":
+    for wanted in sys.argv[1:]:
+        print(program_for(wanted))
