@@ -19,10 +19,12 @@ from typing import Any
 import numpy as np
 
 from piaffe import ocp, solvers
-from piaffe.solvers.native import Built, Machine, library_for
+from piaffe.solvers.native import Built, Machine, build, library_for, load
 from piaffe.solvers.native.build import EXPRESSION_FLAGS
 from piaffe.solvers.native.cpu import this_cpu
-from piaffe.solvers.native.library import KERNEL_FLAGS
+from piaffe.solvers.native.library import KERNEL_FLAGS, Library
+from piaffe.solvers.native.program import origin, program
+from piaffe.solvers.native.texts import Origin, Texts
 from piaffe.solvers.outer import Outer
 
 RESULTS = Path(__file__).with_name("results")
@@ -61,15 +63,48 @@ def _commit() -> str:
 
 def machine_at(
     problem: ocp.CompiledProblem,
-    width: int | None = None,
+    library: int | Library | None = None,
     states: Sequence[np.ndarray] | None = None,
     controls: Sequence[np.ndarray] | None = None,
 ) -> Machine:
-    """Return a machine with model and sweep at an iterate, by default the initial guess."""
-    machine = Machine(problem, library_for(problem, width=width)[0], solvers.Options())
+    """Return a machine with model and sweep at an iterate, by default the initial guess.
+
+    Args:
+        problem: the compiled problem.
+        library: the library that solves it, or the number of lanes of one compiled for this processor.
+        states: states of the iterate, of each phase.
+        controls: its controls, of each phase.
+    """
+    if not isinstance(library, Library):
+        library = library_for(problem, width=library)[0]
+    machine = Machine(problem, library, solvers.Options())
     begin(machine, states, controls)
     solve(machine, 0)  # evaluate, accept, linearise, sweep, and no step
     return machine
+
+
+def library_at(problem: ocp.CompiledProblem, width: int, target: str) -> Library:
+    """Return a problem's library compiled for another processor than this one, which has to understand it all the same.
+
+    Args:
+        problem: the compiled problem.
+        width: lanes.
+        target: what ``-march`` takes.
+    """
+    modes = tuple(dict.fromkeys(phase.mode for phase in problem.phases))
+    links = tuple(dict.fromkeys(phase.transition for phase in problem.phases if phase.transition is not None))
+    expressions, kernels = (
+        tuple(flag.replace("{native}", f"-march={target}") for flag in flags)
+        for flags in (EXPRESSION_FLAGS, KERNEL_FLAGS)
+    )
+
+    def texts() -> Texts:
+        made = program(modes, links)
+        return Texts([*made.expressions, *made.kernels], made.headers, {name: kernels for name, _ in made.kernels})
+
+    parts = Origin([*origin(modes, links), *kernels], texts)
+    built = build(parts, flags=expressions, width=width, label=f"benchmark, {target}")
+    return Library(load(built), built, modes, links)
 
 
 def begin(

@@ -8,12 +8,13 @@ program needs, each in a unit of its own and with the headers compiled first, as
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import tarfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +22,7 @@ from pathlib import Path
 import crocoddyl
 
 HERE = Path(__file__).parent
+PROGRAM = HERE / "standing.cpp"
 WORK = HERE.parents[1] / ".native-crocoddyl"
 WHEELS = Path(crocoddyl.__file__).parents[4]  # what the wheels share: headers, and libraries in lib
 SDISTS = {"libcrocoddyl": version("libcrocoddyl"), "libpinocchio": version("libpinocchio")}
@@ -49,6 +51,7 @@ CLASSES = (  # units that Crocoddyl makes for each scalar type
     "multibody/contacts/contact-3d", "multibody/contacts/multiple-contacts", "multibody/data/contacts",
     "multibody/data/multibody", "multibody/force-base", "multibody/residuals/state", "multibody/states/multibody",
 )  # fmt: skip
+LONGEST = "multibody_actions_contact-fwddyn"  # to compile; begun first
 HEADERS = ("crocoddyl/core/pch.hpp", "crocoddyl/multibody/pch.hpp")
 
 
@@ -59,18 +62,9 @@ def program_for(target: str) -> Path:
         target: what ``-march`` takes, for a Crocoddyl compiled from source; or ``"wheel"``, to use the wheel's.
     """
     folder = WORK / target
-    recipe = sha256()
-    for path in (Path(__file__), HERE / "standing.cpp"):
-        recipe.update(path.read_bytes())
-    recipe.update("\n".join((compiler(), *(f"{name} {number}" for name, number in SDISTS.items()))).encode())
-    program, stamp = folder / "standing", folder / "recipe"
-    if not (program.exists() and stamp.exists() and stamp.read_text() == recipe.hexdigest()):
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
-        print(f"Building the timing program, {target}; this takes minutes.", file=sys.stderr, flush=True)
-        (_with_wheel if target == WHEEL else _from_source)(folder, target)
-        stamp.write_text(recipe.hexdigest())
-    return program
+    folder.mkdir(parents=True, exist_ok=True)
+    (_with_wheel if target == WHEEL else _from_source)(folder, target)
+    return folder / "standing"
 
 
 def flags_of(target: str) -> tuple[str, ...]:
@@ -78,6 +72,7 @@ def flags_of(target: str) -> tuple[str, ...]:
     return (*OPTIMISATION, f"-march={'x86-64' if target == WHEEL else target}")
 
 
+@cache
 def compiler() -> str:
     """Return the first line that the compiler says about itself."""
     told = subprocess.run([_cxx(), "--version"], capture_output=True, text=True, check=True).stdout
@@ -91,12 +86,12 @@ def _cxx() -> str:
 def _from_source(folder: Path, target: str) -> None:
     sources = {name: _unpacked(name) for name in SDISTS}
     headers = sources["libpinocchio"] / "include"
-    flags = [
+    flags = (
         *LANGUAGE, *flags_of(target), *DEFINITIONS, f"-I{sources['libcrocoddyl'] / 'include'}", f"-I{headers}",
         f"-I{headers / 'pinocchio/deprecated'}", f"-I{_eigen()}",
         "-isystem", str(WHEELS / "include"),  # Boost, and the headers that configuring writes
-    ]  # fmt: skip
-    source, units = sources["libcrocoddyl"] / "src", {"standing": HERE / "standing.cpp"}
+    )  # fmt: skip
+    source, units = sources["libcrocoddyl"] / "src", {"standing": PROGRAM}
     units |= {name.replace("/", "_"): source / f"{name}.cpp" for name in PLAIN_UNITS}
     for name in CLASSES:
         template = next(path for kind in ("cpp", "cpp_fptype") if (path := source / f"{name}.{kind}.in").exists())
@@ -105,38 +100,67 @@ def _from_source(folder: Path, target: str) -> None:
         units[unit.stem] = unit
     first = folder / "first.hpp"
     first.write_text("".join(f'#include "{header}"\n' for header in HEADERS), encoding="utf-8")
-    _compile([*flags, "-x", "c++-header", str(first), "-o", f"{first}.gch"])
+    flags_of_unit = (*flags, "-include", str(first))
+    objects = {name: _Object(folder / f"{name}.o", unit, flags_of_unit) for name, unit in units.items()}
+    stale = [objects[name] for name in sorted(units, key=lambda name: name != LONGEST) if not objects[name].made]
+    if len(stale) > 1:
+        print(f"Compiling Crocoddyl, {target}; this takes minutes.", file=sys.stderr, flush=True)
+        _run([*flags, "-x", "c++-header", str(first), "-o", f"{first}.gch"])
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        jobs = [
-            pool.submit(_compile, [*flags, "-include", str(first), "-c", str(unit), "-o", str(folder / f"{name}.o")])
-            for name, unit in sorted(units.items(), key=lambda item: "contact-fwddyn" not in item[0])  # the longest
-        ]
-        for job in jobs:
-            job.result()
-    Path(f"{first}.gch").unlink()  # half a gigabyte
-    libraries = ["-lboost_serialization", "-lboost_filesystem"]
-    _link(folder, [str(folder / f"{name}.o") for name in units], libraries)
+        list(pool.map(_Object.make, stale))
+    Path(f"{first}.gch").unlink(missing_ok=True)  # half a gigabyte
+    _link(folder, objects.values(), ("boost_serialization", "boost_filesystem"))
 
 
 def _with_wheel(folder: Path, target: str) -> None:
     include = WHEELS / "include"
-    flags = [
+    flags = (
         *LANGUAGE, *flags_of(target), *DEFINITIONS, *WHEEL_DEFINITIONS, f"-I{_eigen()}", "-isystem", str(include),
         "-isystem", str(include / "pinocchio/deprecated"),
-    ]  # fmt: skip
-    _compile([*flags, "-c", str(HERE / "standing.cpp"), "-o", str(folder / "standing.o")])
-    _link(folder, [str(folder / "standing.o")], [f"-l{name}" for name in WHEEL_LIBRARIES])
+    )  # fmt: skip
+    program = _Object(folder / "standing.o", PROGRAM, flags)
+    if not program.made:
+        program.make()
+    _link(folder, [program], WHEEL_LIBRARIES)
 
 
-def _link(folder: Path, objects: Sequence[str], libraries: Sequence[str]) -> None:
+@dataclass(frozen=True)
+class _Object:
+    """A compiled unit, with the digest of what it was made from beside it."""
+
+    path: Path
+    source: Path
+    flags: Sequence[str]
+
+    @property
+    def recipe(self) -> str:
+        return sha256(
+            "\0".join((compiler(), *self.flags, self.source.read_text(encoding="utf-8"))).encode()
+        ).hexdigest()
+
+    @property
+    def made(self) -> bool:
+        stamp = self.path.with_suffix(".recipe")
+        return self.path.exists() and stamp.exists() and stamp.read_text() == self.recipe
+
+    def make(self) -> None:
+        stamp = self.path.with_suffix(".recipe")
+        stamp.unlink(missing_ok=True)
+        _run([*self.flags, "-c", str(self.source), "-o", str(self.path)])
+        stamp.write_text(self.recipe)
+
+
+def _link(folder: Path, objects: Iterable[_Object], libraries: Iterable[str]) -> None:
     place = WHEELS / "lib"
-    _compile([*objects, f"-L{place}", *libraries, f"-Wl,-rpath,{place}", "-o", str(folder / "standing")])
+    paths = (f"-L{place}", "-Wl,--disable-new-dtags", f"-Wl,-rpath,{place}")  # also for what the libraries need
+    named = [f"-l{name}" for name in libraries]
+    _run([*(str(made.path) for made in objects), *paths, *named, "-o", str(folder / "standing")])
 
 
-def _compile(arguments: Sequence[str]) -> None:
+def _run(arguments: Sequence[str]) -> None:
     done = subprocess.run([_cxx(), *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
-        raise SystemExit(f"build of the timing program: {_cxx()} failed\n{done.stderr[-4000:]}")
+        raise SystemExit(f"timing program: not built - got this from {_cxx()}:\n{done.stderr[-4000:]}")
 
 
 def _unpacked(name: str) -> Path:
