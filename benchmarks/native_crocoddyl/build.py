@@ -36,7 +36,10 @@ DEFINITIONS = (  # those that the CMake targets of Crocoddyl and of Pinocchio's 
     "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30", "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
     "-DBOOST_BIND_GLOBAL_PLACEHOLDERS",
 )  # fmt: skip
-WHEEL_DEFINITIONS = ("-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", "-DPINOCCHIO_WITH_COLLISION")
+WHEEL_DEFINITIONS = (  # as the wheels were built; they use threads unless they are told not to
+    "-DPINOCCHIO_ENABLE_TEMPLATE_INSTANTIATION", "-DPINOCCHIO_WITH_COLLISION", "-DCROCODDYL_WITH_MULTITHREADING",
+    "-DCROCODDYL_WITH_NTHREADS=1", "-fopenmp",
+)  # fmt: skip
 WHEEL_LIBRARIES = ("crocoddyl", "pinocchio_default", "boost_serialization", "boost_filesystem")
 
 PLAIN_UNITS = ("core/solver-base", "core/solvers/ddp", "core/solvers/fddp", "core/utils/exception",
@@ -151,16 +154,29 @@ class _Object:
 
 
 def _link(folder: Path, objects: Iterable[_Object], libraries: Iterable[str]) -> None:
+    """Link, without the copies of Crocoddyl's classes in single precision that theirs can be turned into.
+
+    They would double the time to compile, and nothing here turns one into the other. What is missing of them gets the
+    address zero, in a program that is loaded where it was linked for.
+    """
     place = WHEELS / "lib"
     paths = (f"-L{place}", "-Wl,--disable-new-dtags", f"-Wl,-rpath,{place}")  # also for what the libraries need
     named = [f"-l{name}" for name in libraries]
-    _run([*(str(made.path) for made in objects), *paths, *named, "-o", str(folder / "standing")])
+    program, linked = folder / "standing", [made.path for made in objects]
+    if program.exists() and program.stat().st_mtime > max(path.stat().st_mtime for path in (*linked, Path(__file__))):
+        return
+    said = _run([*map(str, linked), *paths, *named, "-no-pie", "-Wl,--warn-unresolved-symbols", "-o", str(program)])
+    missing = [line for line in said.splitlines() if "undefined reference" in line and "Tpl<float" not in line]
+    if missing:
+        raise SystemExit("timing program: not linked - add the units of these to build.py:\n" + "\n".join(missing[:20]))
 
 
-def _run(arguments: Sequence[str]) -> None:
+def _run(arguments: Sequence[str]) -> str:
+    """Run the compiler; return what it says."""
     done = subprocess.run([_cxx(), *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"timing program: not built - got this from {_cxx()}:\n{done.stderr[-4000:]}")
+    return done.stderr
 
 
 def _unpacked(name: str) -> Path:

@@ -146,7 +146,9 @@ static shared_ptr<crocoddyl::ShootingProblem> shooting_problem(const Problem& p)
   }
   const auto end = action(make_shared<c::CostModelSum>(state, nu), 0.0);
   const auto problem = make_shared<c::ShootingProblem>(p.initial, nodes, end);
-  if (problem->get_nthreads() > 1) problem->set_nthreads(1);  // a build without threads warns if it is told to use one
+#ifdef CROCODDYL_WITH_MULTITHREADING  // a build without threads warns if it is told to use one
+  problem->set_nthreads(1);
+#endif
   return problem;
 }
 
