@@ -37,5 +37,8 @@ class Program:
         assert self._process.stdout is not None
         self._process.stdin.write(command + "\n")
         self._process.stdin.flush()
-        answer: dict[str, Any] = json.loads(self._process.stdout.readline())
+        line = self._process.stdout.readline()
+        if not line:
+            raise SystemExit(f"timing program, {self.target}: ended at {command!r}, with {self._process.wait()}")
+        answer: dict[str, Any] = json.loads(line)
         return answer
