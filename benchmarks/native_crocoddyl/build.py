@@ -8,9 +8,9 @@ program needs, each in a unit of its own and with the headers compiled first, as
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
-import tarfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -187,8 +187,7 @@ def _unpacked(name: str) -> Path:
             "download", "--no-deps", "--no-build-isolation", "--no-binary", ":all:", "--dest", str(WORK),
             f"{name}=={SDISTS[name]}", PYTHONPATH=str(HERE / "metadata_only"),
         )  # fmt: skip
-        with tarfile.open(WORK / f"{folder.name}.tar.gz") as archive:
-            archive.extractall(WORK, filter="data")
+        shutil.unpack_archive(WORK / f"{folder.name}.tar.gz", WORK)
     return folder
 
 
