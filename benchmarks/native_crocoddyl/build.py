@@ -78,7 +78,13 @@ def flags_of(target: str) -> tuple[str, ...]:
 @cache
 def compiler() -> str:
     """Return the first line that the compiler says about itself."""
-    told = subprocess.run([_cxx(), "--version"], capture_output=True, text=True, check=True).stdout
+    try:
+        told = subprocess.run([_cxx(), "--version"], capture_output=True, text=True, check=True).stdout
+    except OSError as error:
+        raise SystemExit(
+            f"timing program: no C++ compiler - got {error.strerror} for {_cxx()!r}, expected g++; install it, or set "
+            "CXX to another"
+        ) from error
     return told.splitlines()[0]
 
 
@@ -137,9 +143,8 @@ class _Object:
 
     @property
     def recipe(self) -> str:
-        return sha256(
-            "\0".join((compiler(), *self.flags, self.source.read_text(encoding="utf-8"))).encode()
-        ).hexdigest()
+        parts = (compiler(), *self.flags, self.source.read_text(encoding="utf-8"))
+        return sha256("\0".join(parts).encode()).hexdigest()
 
     @property
     def made(self) -> bool:
