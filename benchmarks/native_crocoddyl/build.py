@@ -27,6 +27,8 @@ WORK = HERE.parents[1] / ".native-crocoddyl"
 WHEELS = Path(crocoddyl.__file__).parents[4]  # what the wheels share: headers, and libraries in lib
 SDISTS = {"libcrocoddyl": version("libcrocoddyl"), "libpinocchio": version("libpinocchio")}
 EIGEN = "cmeel-eigen==3.4.1"
+VERSIONS = tuple(f"{name}=={version(name)}" for name in (*SDISTS, "cmeel-boost"))
+"""Of the wheels whose headers are used; where they lie makes no difference to what is compiled."""
 
 WHEEL = "wheel"
 OPTIMISATION = ("-O3", "-DNDEBUG")
@@ -59,7 +61,7 @@ HEADERS = ("crocoddyl/core/pch.hpp", "crocoddyl/multibody/pch.hpp")
 
 
 def program_for(target: str) -> Path:
-    """Return the timing program, built now unless that was done.
+    """Return the timing program, linked anew from objects that are compiled unless that was done.
 
     Args:
         target: what ``-march`` takes, for a Crocoddyl compiled from source; or ``"wheel"``, to use the wheel's.
@@ -143,7 +145,8 @@ class _Object:
 
     @property
     def recipe(self) -> str:
-        parts = (compiler(), *self.flags, self.source.read_text(encoding="utf-8"))
+        flags = [flag.replace(str(WORK), "WORK").replace(str(WHEELS), "WHEELS") for flag in self.flags]
+        parts = (compiler(), EIGEN, *VERSIONS, *flags, self.source.read_text(encoding="utf-8"))
         return sha256("\0".join(parts).encode()).hexdigest()
 
     @property
@@ -167,10 +170,9 @@ def _link(folder: Path, objects: Iterable[_Object], libraries: Iterable[str]) ->
     place = WHEELS / "lib"
     paths = (f"-L{place}", "-Wl,--disable-new-dtags", f"-Wl,-rpath,{place}")  # also for what the libraries need
     named = [f"-l{name}" for name in libraries]
-    program, linked = folder / "standing", [made.path for made in objects]
-    if program.exists() and program.stat().st_mtime > max(path.stat().st_mtime for path in (*linked, Path(__file__))):
-        return
-    said = _run([*map(str, linked), *paths, *named, "-no-pie", "-Wl,--warn-unresolved-symbols", "-o", str(program)])
+    linked = [str(made.path) for made in objects]
+    leniently = ("-no-pie", "-Wl,--warn-unresolved-symbols")
+    said = _run([*linked, *paths, *named, *leniently, "-o", str(folder / "standing")])
     missing = [line for line in said.splitlines() if "undefined reference" in line and "Tpl<float" not in line]
     if missing:
         raise SystemExit("timing program: not linked - add the units of these to build.py:\n" + "\n".join(missing[:20]))
