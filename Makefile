@@ -5,6 +5,7 @@
 #   make lint    ruff, mypy, import-linter
 #   make docs    the documentation, into site/
 #   make bench   time the solver, and Crocoddyl; draws what docs/benchmarks.md shows
+#   make bench-native  time both compiled for the same processors; builds Crocoddyl from source, into .native-crocoddyl
 #   make sanitize  the compiled solver under AddressSanitizer and UndefinedBehaviorSanitizer, on all examples
 #   make valgrind  and under memcheck; the small problems are in make test
 
@@ -17,7 +18,7 @@ export NO_MKDOCS_2_WARNING := 1
 
 .NOTPARALLEL:
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format docs bench sanitize valgrind clean
+.PHONY: help demo test test-slow lint format docs bench bench-native sanitize valgrind clean
 
 help:
 	@sed -n '/^#  /s/^# *//p' Makefile
@@ -82,6 +83,10 @@ bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/cold_start.py --save
 	$(VENV)-bench/bin/python benchmarks/contacts.py --save
 	$(VENV)-bench/bin/python benchmarks/figures.py
+
+bench-native: $(VENV)-bench/bench.stamp
+	$(VENV)-bench/bin/python benchmarks/like_for_like.py --save
+	$(VENV)-bench/bin/python benchmarks/figures.py like_for_like
 
 sanitize: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.solvers.ilqr.native.memory sanitizers

@@ -22,9 +22,10 @@ import numpy as np
 from piaffe import ocp, solvers
 from piaffe.codegen.build import EXPRESSION_FLAGS, SOLVER_FLAGS, Built, build, load
 from piaffe.codegen.cpu import this_cpu
-from piaffe.solvers.ilqr.native.library import KERNEL_FLAGS, library_for
+from piaffe.codegen.sources import LazySources, Sources
+from piaffe.solvers.ilqr.native.library import KERNEL_FLAGS, Library, library_for
 from piaffe.solvers.ilqr.native.memory import SolverMemory
-from piaffe.solvers.ilqr.native.program import TEMPLATES
+from piaffe.solvers.ilqr.native.program import TEMPLATES, program, source_parts
 from piaffe.solvers.ilqr.outer import Outer
 
 RESULTS = Path(__file__).with_name("results")
@@ -69,15 +70,48 @@ def _commit() -> str:
 
 def machine_at(
     problem: ocp.CompiledProblem,
-    width: int | None = None,
+    library: int | Library | None = None,
     states: Sequence[np.ndarray] | None = None,
     controls: Sequence[np.ndarray] | None = None,
 ) -> SolverMemory:
-    """Return a machine with model and sweep at an iterate, by default the initial guess."""
-    machine = SolverMemory(problem, library_for(problem, width=width)[0], solvers.Options())
+    """Return a machine with model and sweep at an iterate, by default the initial guess.
+
+    Args:
+        problem: the compiled problem.
+        library: the library that solves it, or the vector width of one compiled for this processor.
+        states: states of the iterate, of each phase.
+        controls: its controls, of each phase.
+    """
+    if not isinstance(library, Library):
+        library = library_for(problem, width=library)[0]
+    machine = SolverMemory(problem, library, solvers.Options())
     begin(machine, states, controls)
     solve(machine, 0)  # evaluate, accept, linearise, sweep, and no step
     return machine
+
+
+def library_at(problem: ocp.CompiledProblem, width: int, target: str) -> Library:
+    """Return a problem's library compiled for another processor than this one, which has to understand it all the same.
+
+    Args:
+        problem: the compiled problem.
+        width: lanes.
+        target: what ``-march`` takes.
+    """
+    modes = tuple(dict.fromkeys(phase.mode for phase in problem.phases))
+    links = tuple(dict.fromkeys(phase.transition for phase in problem.phases if phase.transition is not None))
+    expressions, kernels = (
+        tuple(flag.replace("{native}", f"-march={target}") for flag in flags)
+        for flags in (EXPRESSION_FLAGS, KERNEL_FLAGS)
+    )
+
+    def make() -> Sources:
+        made = program(modes, links)
+        return Sources([*made.expressions, *made.kernels], made.headers, {name: kernels for name, _ in made.kernels})
+
+    parts = LazySources([*source_parts(modes, links), *kernels], make)
+    built = build(parts, flags=expressions, width=width, label=f"benchmark, {target}")
+    return Library(load(built), built, modes, links)
 
 
 def begin(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,33 @@ def vs_crocoddyl(results: dict[str, Any]) -> Figure:
         ax.grid(visible=False, axis="x")
     axes[0, 0].set_ylabel("µs per node, median")
     axes[0, 0].legend()
+    return figure
+
+
+def like_for_like(results: dict[str, Any]) -> Figure:
+    """Return bars of the parts of an iteration, per processor that both are compiled for: least times, and ratios."""
+    robots, parts = results["robots"], ("derivatives", "backward", "forward with evaluation")
+    shades = {"crocoddyl": ("0.35", "0.55", "0.75"), "piaffe": (LEGS[0], LEGS[5], LEGS[1])}
+    figure, axes = plt.subplots(1, len(robots), figsize=(9.5, 3.6), sharey=True, squeeze=False)
+    for ax, (name, result) in zip(axes[0], robots.items(), strict=True):
+        times, faster = result["us_per_node"], result["times_faster"]
+        for x, target in enumerate(results["lanes"]):
+            for place, (who, colours) in zip((-0.2, 0.2), shades.items(), strict=True):
+                bottom = 0.0
+                for part, colour in zip(parts, colours, strict=True):
+                    value = times[f"{who} {target}"][part]["least"]
+                    label = f"{who.title()}, {part}" if x == 0 else None
+                    ax.bar(x + place, value, 0.38, bottom=bottom, color=colour, label=label)
+                    bottom += value
+            ratio = faster[target]["whole iteration"]["least"]
+            ax.annotate(f"{ratio:.1f}×", (x + 0.2, bottom), (0, 3), textcoords="offset points", ha="center", size=9)
+        labels = [f"-march={target}\nPiaffe: {lanes} lanes" for target, lanes in results["lanes"].items()]
+        ax.set_xticks(range(len(labels)), labels)
+        ax.set_title(ROBOTS.get(name, name))
+        ax.grid(visible=False, axis="x")
+    axes[0, 0].set_ylabel("µs per node and iteration, least")
+    axes[0, 0].set_ylim(top=1.3 * axes[0, 0].get_ylim()[1])  # room for the legend
+    axes[0, 0].legend(ncols=2)
     return figure
 
 
@@ -131,10 +159,12 @@ def cold_start(results: dict[str, Any]) -> Figure:
     return figure
 
 
-def main() -> list[Path]:
-    """Draw every result that there is and return the pictures."""
+def main(names: list[str]) -> list[Path]:
+    """Draw the results of these names, or every result that there is, and return the pictures."""
     drawn = []
-    for draw in (vs_crocoddyl, cascade, scaling, cold_start):
+    for draw in (vs_crocoddyl, like_for_like, cascade, scaling, cold_start):
+        if names and draw.__name__ not in names:
+            continue
         source = RESULTS / f"{draw.__name__}.json"
         if not source.exists():
             continue
@@ -154,4 +184,4 @@ def main() -> list[Path]:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

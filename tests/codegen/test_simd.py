@@ -16,7 +16,7 @@ from piaffe.codegen import simd
 from piaffe.errors import ModelError
 from piaffe.models import base, joints, stance
 
-WIDTHS = (1, 4, 8)
+WIDTHS = (1, 2, 4, 8)
 FLAGS = ["-std=c11", "-O1", "-ffp-contract=fast", "-fno-math-errno", "-fno-trapping-math"]
 COMPILER = shutil.which(os.environ.get("CC") or "gcc") or shutil.which("clang")
 

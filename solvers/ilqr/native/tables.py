@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as cs
 
 TABLE = "static const int __attribute__((unused))"  # a mode without implicit variables does not use all of them
-WIDTHS = (4, 8)
+WIDTHS = (2, 4, 8)
 """Doubles per vector that ``tiles.inc`` works with."""
 
 

@@ -36,10 +36,11 @@ class Cpu:
 
     @property
     def vector_width(self) -> int:
-        """Doubles per vector: 8 with AVX-512, 4 with AVX2 or NEON (a pair of registers), else 1."""
-        if "avx512f" in self.features:
-            return 8
-        return 4 if self.features & {"avx2", "asimd"} else 1
+        """Doubles per vector: 8 with AVX-512, 4 with AVX2 or as pairs of NEON registers, 2 with SSE2, else 1."""
+        for width, features in ((8, {"avx512f"}), (4, {"avx2", "asimd"}), (2, {"sse2"})):
+            if self.features & features:
+                return width
+        return 1
 
     @property
     def native(self) -> str:

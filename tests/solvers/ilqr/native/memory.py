@@ -49,6 +49,10 @@ SANITIZE = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 MEMCHECK = ("valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", "--track-origins=yes")
 
 
+Case = tuple[int, str]
+"""Lanes, and the flag for the processor."""
+
+
 @dataclass(frozen=True)
 class Tool:
     """A way to find errors of memory.
@@ -56,25 +60,28 @@ class Tool:
     Args:
         flags: for compiler and linker.
         command: what runs the program.
-        widths: lanes to try.
-        example: lanes of an example.
-        cpu: the flag for the processor.
+        cases: lanes to try, and the flag for the processor of each.
+        example: those of an example.
     """
 
     flags: tuple[str, ...]
     command: tuple[str, ...]
-    widths: tuple[int, ...]
-    example: int
-    cpu: str
+    cases: tuple[Case, ...]
+    example: Case
 
 
-def _without_avx512() -> str:
-    return "-march=x86-64-v3" if platform.machine() == "x86_64" else this_cpu().native
-
+X86 = platform.machine() == "x86_64"
+NATIVE = this_cpu().native
+PLAIN = "-march=x86-64" if X86 else NATIVE  # registers of two numbers
+WITHOUT_AVX512 = "-march=x86-64-v3" if X86 else NATIVE
 
 TOOLS = {
-    "sanitizers": Tool(SANITIZE, (), (1, 4, 8), this_cpu().vector_width, this_cpu().native),
-    "valgrind": Tool(("-DUNDEFINED",), MEMCHECK, (4, 1), 4, _without_avx512()),  # which does not know AVX-512
+    "sanitizers": Tool(
+        SANITIZE, (), ((1, NATIVE), (4, NATIVE), (8, NATIVE), (2, PLAIN)), (this_cpu().vector_width, NATIVE)
+    ),
+    "valgrind": Tool(  # which does not know AVX-512
+        ("-DUNDEFINED",), MEMCHECK, ((4, WITHOUT_AVX512), (1, WITHOUT_AVX512), (2, PLAIN)), (4, WITHOUT_AVX512)
+    ),
 }
 
 
@@ -88,8 +95,8 @@ def missing(name: str) -> str:
         source, trial = Path(folder, "trial.c"), Path(folder, "trial")
         source.write_text("int main(void) { return 0; }\n")
         made = subprocess.run(
-            [*working().command, tool.cpu, *tool.flags, str(source), "-o", str(trial)], capture_output=True, text=True,
-            check=False,
+            [*working().command, tool.example[1], *tool.flags, str(source), "-o", str(trial)],
+            capture_output=True, text=True, check=False,
         )  # fmt: skip
         if made.returncode:
             return f"the compiler has no {name}: {made.stderr[:300]}"
@@ -100,7 +107,7 @@ def missing(name: str) -> str:
 def check(
     problem: CompiledProblem,
     tool: Tool,
-    width: int,
+    case: Case,
     options: Options | None = None,
     spoil: Callable[[ImageMemory], None] = lambda memory: None,
 ) -> list[Solution]:
@@ -109,7 +116,7 @@ def check(
     Args:
         problem: the problem.
         tool: the tool.
-        width: lanes.
+        case: lanes, and the flag for the processor.
         options: of the solver.
         spoil: does something to the memory before it is run, for tests of the tool.
 
@@ -121,10 +128,10 @@ def check(
     cold = solver.solve()
     half = MSiLQR(problem, replace(options, max_iterations=max(cold.iterations // 2, 1)), backend="numpy").solve()
     expected = [cold, solver.solve(half)]
-    program_file = _program(problem, tool, width)
+    program_file = _program(problem, tool, case)
     with tempfile.TemporaryDirectory() as folder:
         images = []
-        library, _ = library_for(problem, width=width)
+        library, _ = library_for(problem, width=case[0])
         for k, warm in enumerate((None, WarmStart.of(half))):
             memory, outer = ImageMemory(problem, library, options), Outer(problem, options)
             if warm is not None:
@@ -149,8 +156,9 @@ def check(
     return expected
 
 
-def _program(problem: CompiledProblem, tool: Tool, width: int) -> Path:
+def _program(problem: CompiledProblem, tool: Tool, case: Case) -> Path:
     """Return a program of a problem's modes and ``replay.c``."""
+    width, cpu = case
     library, _ = library_for(problem, width=width)
     sources = program(library.modes, library.transitions)
     names = table_names(library)
@@ -161,7 +169,7 @@ def _program(problem: CompiledProblem, tool: Tool, width: int) -> Path:
         "replay": Path(__file__).with_name("replay.c").read_text(encoding="utf-8"),
     }  # fmt: skip
     straight = frozenset(name for name, _ in sources.expressions)
-    flags = (*COMMON, tool.cpu, *tool.flags, f"-DPIAFFE_W={width}")
+    flags = (*COMMON, cpu, *tool.flags, f"-DPIAFFE_W={width}")
     return _compiled(tuple(units.items()), tuple(sources.headers.items()), straight, flags, tool.flags)
 
 
@@ -219,13 +227,13 @@ def main() -> int:
         made: Callable[[], ocp.Problem] = ALL.get(name, lambda name=name: example(name))
         problem = compile_problem(made())
         options = None if name in ALL else Options(max_iterations=arguments.iterations)
-        for width in tool.widths if name in ALL else (tool.example,):
+        for case in tool.cases if name in ALL else (tool.example,):
             try:
-                done = check(problem, tool, width, options)
+                done = check(problem, tool, case, options)
                 told = f"{done[0].iterations} + {done[1].iterations} iterations, nothing found"
             except AssertionError as error:
                 found, told = 1, f"FOUND\n{error}"
-            sys.stdout.write(f"{name}, {width} lanes: {told}\n")
+            sys.stdout.write(f"{name}, {case[0]} lanes, {case[1]}: {told}\n")
             sys.stdout.flush()
     return found
 

@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 
 from piaffe.codegen.compilers import NoCompilerError
-from piaffe.codegen.cpu import this_cpu
 from piaffe.ocp import compile_problem
 
 from .image import UNTOUCHED, ImageMemory
-from .memory import SMALL, TOOLS, check, missing
+from .memory import NATIVE, PLAIN, SMALL, TOOLS, Case, check, missing
 from .test_solver import ALL, GCC
 
 pytestmark = pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
 
-CASES = [("sanitizers", name, this_cpu().vector_width) for name in SMALL] + [("sanitizers", "rope", 1)]
-CASES += [("valgrind", name, 4) for name in SMALL]
+ODD = ("rope", "flying body")
+"""Problems of odd sizes and of more than one mode."""
+CASES = [(tool, name, TOOLS[tool].example) for tool in TOOLS for name in SMALL]
+CASES += [("sanitizers", "rope", (1, NATIVE)), *((tool, name, (2, PLAIN)) for tool in TOOLS for name in ODD)]
 
 
 def needs(tool: str) -> None:
@@ -28,10 +29,10 @@ def needs(tool: str) -> None:
         pytest.skip(lacking)
 
 
-@pytest.mark.parametrize(("tool", "name", "width"), CASES)
-def test_nothing_is_found(tool: str, name: str, width: int) -> None:
+@pytest.mark.parametrize(("tool", "name", "case"), CASES)
+def test_nothing_is_found(tool: str, name: str, case: Case) -> None:
     needs(tool)
-    cold, warm = check(compile_problem(ALL[name]()), TOOLS[tool], width)
+    cold, warm = check(compile_problem(ALL[name]()), TOOLS[tool], case)
     assert cold.converged
     assert warm.converged
     assert warm.iterations < cold.iterations
@@ -57,7 +58,7 @@ def forgotten(memory: ImageMemory) -> None:
 def test_error_would_be_found(tool: str, spoil: object, told: str) -> None:
     needs(tool)
     with pytest.raises(AssertionError, match=told):
-        check(compile_problem(ALL["rope"]()), TOOLS[tool], TOOLS[tool].widths[0], spoil=spoil)
+        check(compile_problem(ALL["rope"]()), TOOLS[tool], TOOLS[tool].cases[0], spoil=spoil)
 
 
 def test_what_is_missing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

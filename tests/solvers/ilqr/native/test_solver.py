@@ -265,7 +265,7 @@ def test_search_of_another_problem_is_forgotten(backend: Backend) -> None:
     assert_equal_bits(a, b)
 
 
-@pytest.mark.parametrize("width", [1, 4, 8])
+@pytest.mark.parametrize("width", [1, 2, 4, 8])
 @pytest.mark.parametrize("name", ["flying body", "rope"])
 def test_vector_width_changes_nothing(name: str, width: int) -> None:
     solution = of_width(compiled(name), width).solve()
@@ -436,7 +436,8 @@ def test_solve_can_be_cancelled_from_elsewhere(endless: MSiLQR) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "width"), [("rope", 1), ("rope", 4), ("rope", 8), ("linear-quadratic", 8), ("flying body", 1)]
+    ("name", "width"),
+    [("rope", 1), ("rope", 2), ("rope", 4), ("rope", 8), ("linear-quadratic", 8), ("flying body", 1)],
 )
 def test_templates_compile_without_a_warning(name: str, width: int, tmp_path: Path) -> None:
     library, _ = library_for(compiled(name))
