@@ -1,7 +1,7 @@
 """The samplers of ``own_sampler.py``: short, run by every engine and by the command line, and good enough to trot."""
 
+import ast
 import importlib.util
-import inspect
 import json
 import sys
 from pathlib import Path
@@ -30,8 +30,9 @@ def example():
 
 
 @pytest.mark.parametrize(("name", "most"), [("CEM", 40), ("Predictive", 20)])
-def test_a_sampler_is_short(example, name, most):
-    assert len(inspect.getsource(getattr(example, name)).splitlines()) <= most
+def test_a_sampler_is_short(name, most):
+    (own,) = (node for node in ast.parse(FILE.read_text()).body if isinstance(node, ast.ClassDef) and node.name == name)
+    assert own.end_lineno - own.lineno + 1 <= most
 
 
 def test_the_plan_of_cem_is_the_mean_of_the_best(example):
@@ -75,7 +76,7 @@ def problem_of(contact, height):
 
 def plans_of(kind, problem, name):
     """Return the plans of two steps, with the contact solver converged, in double precision."""
-    controller = kind(problem, samples=24, seed=3, first_stages=2, engine=name)
+    controller = kind(problem, samples=24, seed=3, first_stages=2, engine=name, reward=sampling.Reward(scale=10.0))
     compiled = controller.model.compiled()
     compiled.opt.tolerance = compiled.opt.ls_tolerance = 1e-14
     model = SimpleNamespace(compiled=lambda: compiled, substeps=controller.model.substeps)
@@ -96,6 +97,7 @@ def agree(kind, problem, first, *others):
 
 
 KINDS = ("CEM", "Predictive", "MPPI", "DIAL", "TDCDMPPI")
+ON_DEVICE = ("CEM", "Predictive", "TDCDMPPI")  # a compilation takes most of a minute
 PLANNING = {"solver": "pgs", "cone": "elliptic", "iterations": 4}
 NEWTON = {"solver": "newton", "cone": "pyramidal", "iterations": 50, "line_search": 50}
 
@@ -110,14 +112,14 @@ def test_native_and_simd_give_the_same_plan_on_the_ground(example, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", ON_DEVICE)
 def test_native_and_mjx_give_the_same_plan_on_the_ground(example, name):
     pytest.importorskip("mujoco.mjx")
     agree(kind_of(example, name), problem_of(models.SoftContact(**NEWTON), 0.0), "native", "mjx")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", ON_DEVICE)
 @pytest.mark.filterwarnings("ignore:mjx engine. MJX has no PGS solver")
 def test_all_three_engines_give_the_same_plan_in_the_air(example, name):
     """Where no foot touches the ground: ``simd`` and ``mjx`` have no contact solver in common."""
@@ -141,6 +143,5 @@ def test_the_command_line_runs_both(name, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["native", "simd"])
-def test_solo12_trots_with_both(example, engine):
-    assert example.main(engine=engine) == 1.0
+def test_solo12_trots_with_both(example):
+    assert example.main() == 1.0
