@@ -17,12 +17,14 @@ from piaffe.codegen import (
     LazySources,
     NoCompilerError,
     Sources,
+    aligned_zeros,
     available_cores,
     build,
     generate,
     load,
     pointer,
     run_in_parallel,
+    shares,
 )
 from piaffe.codegen import simd as ocp_lanes
 from piaffe.errors import SamplingError
@@ -36,7 +38,6 @@ from .simd_reader import scene_of
 from .simd_scene import Scene
 from .simd_text import SceneText
 
-_ALIGNMENT = 64  # bytes: of the widest vectors
 # Of states after a few steps. Rounding makes 1e-12, another order of the solver 1e-2. Where the solver goes on until
 # little improves, rounding may decide about the last sweep, 1e-5 in one of a thousand: then of nine in ten samples.
 _AGREEMENT = 1e-7
@@ -91,7 +92,7 @@ class SimdEngine(Engine):
                 f'simd engine: {error}; install one, pip install "piaffe[compiler]", or choose engine="native"'
             ) from error
         self._run, size = loaded.piaffe_simulate, loaded.piaffe_simulate_memory()
-        self._memory = [np.zeros(size + _ALIGNMENT, dtype=np.uint8) for _ in range(self.threads)]
+        self._memory = [aligned_zeros(size, np.uint8) for _ in range(self.threads)]
         self._pool = ThreadPoolExecutor(max(1, self.threads - 1))
         self._states: dict[tuple[int, int], Array] = {}
         self._compare(model, scene, warm_start)
@@ -105,16 +106,15 @@ class SimdEngine(Engine):
         states = self._states[n, steps]
         states[:, 0] = x0
 
-        def run(thread: int) -> None:
-            own = self._memory[thread]
-            aligned = own.ctypes.data + (-own.ctypes.data % _ALIGNMENT)
+        def run(part: tuple[int, int, int]) -> None:
+            thread, first, last = part
             self._run(
-                pointer(controls), *map(ct.c_long, (steps, self.substeps, lead, *self._part(n, thread))),
-                pointer(states), ct.c_void_p(aligned),
+                pointer(controls), *map(ct.c_long, (steps, self.substeps, lead, first, last)), pointer(states),
+                pointer(self._memory[thread]),
             )  # fmt: skip
 
-        busy = [thread for thread in range(self.threads) if self._part(n, thread)[0] < self._part(n, thread)[1]]
-        run_in_parallel(run, busy, self._pool)
+        parts = enumerate(shares(n, self._width, self.threads))
+        run_in_parallel(run, [(thread, *part) for thread, part in parts if part[0] < part[1]], self._pool)
         return Rollouts(states, self._mend(states, controls))
 
     def _release(self) -> None:
@@ -139,12 +139,6 @@ class SimdEngine(Engine):
                 f"their size with {int(np.sum(both))} of {_TRIALS} trials finite, expected less than {_AGREEMENT:g}; "
                 'choose engine="native", and tell us'
             )
-
-    def _part(self, n: int, thread: int) -> tuple[int, int]:
-        """Return first and last sample of a thread's share: whole blocks of lanes but for the last."""
-        blocks = -(-n // self._width)
-        first, last = (self._width * round(blocks * k / self.threads) for k in (thread, thread + 1))
-        return min(first, n), min(last, n)
 
     def _mend(self, states: Array, controls: Array) -> NDArray[np.bool_]:
         """Let failed samples stand still, and return which failed."""

@@ -13,7 +13,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.codegen import SOLVER_FLAGS, build, generate, load, run_in_parallel
+from piaffe.codegen import SOLVER_FLAGS, aligned_zeros, build, generate, load, run_in_parallel, shares
 
 from .kernel import PER_SAMPLE, Kernel
 
@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 _TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
     "run.h", "run.c"
 )}  # fmt: skip
-_ALIGNMENT = 64  # bytes: of the widest vectors
 _DOUBLE = 8  # bytes
 _SHARE = 64  # blocks of lanes that are worth a thread: some ten microseconds of work
 _KEPT = 8  # results, of as many numbers of samples and steps
@@ -96,7 +95,7 @@ class NativeKernel(Kernel):
         self._run.restype = None
         self._address = ct.cast(getattr(library.loaded, name), ct.c_void_p)
         lanes = sum(size for _, size in self.inputs) + sum(self.sizes) + library.work[name]
-        self._memory = [_aligned(lanes * library.width) for _ in range(threads)]
+        self._memory = [aligned_zeros(lanes * library.width) for _ in range(threads)]
         self._in = (_Input * max(len(self.inputs), 1))()
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
         self._results: dict[tuple[int, int], tuple[list[Array], ct.Array[_Output]]] = {}
@@ -131,8 +130,7 @@ class NativeKernel(Kernel):
         """Return thread, first and last sample of each thread's share: whole blocks but for the last."""
         blocks = -(-n // self._width)
         threads = max(1, min(self._threads, blocks, blocks * steps // _SHARE))
-        ends = [min(n, self._width * round(blocks * i / threads)) for i in range(threads + 1)]
-        return [(i, ends[i], ends[i + 1]) for i in range(threads)]
+        return [(i, first, last) for i, (first, last) in enumerate(shares(n, self._width, threads))]
 
     def _results_for(self, n: int, steps: int) -> tuple[list[Array], ct.Array[_Output]]:
         if (n, steps) not in self._results:
@@ -141,20 +139,13 @@ class NativeKernel(Kernel):
             results, out = [], (_Output * len(self.sizes))()
             for each, size in zip(out, self.sizes, strict=True):
                 if self.by_row:
-                    memory = _aligned(size * steps * n).reshape(size, steps, n)
+                    memory = aligned_zeros(size * steps * n).reshape(size, steps, n)
                     results.append(memory.transpose(0, 2, 1))
                     each.row, each.step, each.sample = steps * n, n, 1
                 else:
-                    memory = _aligned(n * steps * size).reshape(n, steps, size)
+                    memory = aligned_zeros(n * steps * size).reshape(n, steps, size)
                     results.append(memory)
                     each.row, each.step, each.sample = 1, size, steps * size
                 each.data, each.size = memory.ctypes.data, size
             self._results[n, steps] = results, out
         return self._results[n, steps]
-
-
-def _aligned(count: int) -> Array:
-    """Return zeros (count,) at an address that vectors may begin at."""
-    raw = np.zeros(count + _ALIGNMENT // _DOUBLE)
-    first = (-raw.ctypes.data % _ALIGNMENT) // _DOUBLE
-    return raw[first : first + count]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.codegen import AlignedMemory
 from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
 
 from ..options import Options
@@ -18,9 +19,6 @@ from . import structs as s
 from .library import Library
 
 Array = NDArray[np.float64]
-
-_CHUNK = 2**17  # doubles that are allocated at once, for many arrays
-_LINE = 8  # doubles in a cache line
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class SolverMemory:
         self.library.piaffe_solve.restype = ct.c_int
         self.library.piaffe_merit.restype = ct.c_double
         self._kept: list[Any] = []
-        self._free = np.zeros(0)
+        self._memory = AlignedMemory()
         self.arrays: list[dict[str, Array]] = []
         self.c = self.types.Problem()
         self.phases = self._phases(modes)
@@ -119,11 +117,7 @@ class SolverMemory:
 
     def _array(self, size: int, values: Array | float | None = None) -> Array:
         """Return an array of doubles, aligned to 64 bytes; it is part of a larger one."""
-        if self._free.size < size:
-            raw = self._keep(np.zeros(max(_CHUNK, size) + _LINE))
-            self._free = raw[(-raw.ctypes.data % 64) // 8 :]
-        array: Array = self._free[:size]
-        self._free = self._free[max(-(-size // _LINE), 1) * _LINE :]
+        array = self._memory.zeros(size)
         if values is not None:
             array[:] = np.ravel(values) if isinstance(values, np.ndarray) else values
         return array

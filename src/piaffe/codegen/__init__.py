@@ -11,6 +11,9 @@ from .compilers import NoCompilerError as NoCompilerError
 from .compilers import NoCompilerWarning as NoCompilerWarning
 from .cpu import available_cores as available_cores
 from .cpu import this_cpu as this_cpu
+from .memory import AlignedMemory as AlignedMemory
+from .memory import aligned_zeros as aligned_zeros
+from .memory import shares as shares
 from .simd import generate as generate
 from .snippets import c_library as c_library
 from .snippets import pointer as pointer
