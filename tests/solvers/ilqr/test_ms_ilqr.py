@@ -11,6 +11,7 @@ from piaffe import ocp
 from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
+from piaffe.solvers.ilqr import Backend
 
 from ...problems import PROBLEMS, bouncing_ball, linear_quadratic, rope, swing_up
 from .dense import stack_problem
@@ -229,6 +230,21 @@ def test_warm_start_of_other_phases_is_refused() -> None:
         SolverError, match=r"warm start: does not fit .*got phases \[\('swing', 30, 4, 1\)\].*'drop', 18"
     ):
         MSiLQR(compiled("bouncing ball")).solve(solved("swing up"))
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+@pytest.mark.parametrize("name", ["bouncing ball", "hopper", "rope"])
+def test_rows_that_do_not_hold_have_no_multipliers(name: str, backend: Backend) -> None:
+    """An equality that holds at the end of one phase alone is a masked row of the others."""
+    solution, held = MSiLQR(compiled(name), ACCURATE, backend=backend).solve(), 0
+    for phase, found in zip(compiled(name).phases, solution.phases, strict=True):
+        assert not np.any(found.multipliers["equality"][phase.h_mask == 0])
+        assert not np.any(found.multipliers["end_equality"][phase.end_h_mask == 0])
+        assert not np.any(found.multipliers["inequality"][phase.g_mask == 0])
+        assert not np.any(found.multipliers["end_inequality"][phase.end_g_mask == 0])
+        assert np.all(found.multipliers["end_equality"][phase.end_h_mask == 1])
+        held += int(phase.end_h_mask.sum())
+    assert 0 < held < sum(phase.end_h_mask.size for phase in compiled(name).phases)
 
 
 # ---- single shooting and everything between
