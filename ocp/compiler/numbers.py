@@ -133,9 +133,9 @@ class Numbers:
         """Return the weights of cost k in a phase of this name, one per row: replaced ones or those declared."""
         term = self.terms[k]
         assert isinstance(term, Cost)  # constraints have none
-        key = ParameterKey("weight", term=k)
-        replaced = key in self.replaced and term.counts_in(phase)
-        return self._given(key, len(labels)) if replaced else term.weights(phase, labels)
+        if self.replaced and term.counts_in(phase) and (key := ParameterKey("weight", term=k)) in self.replaced:
+            return self._given(key, len(labels))
+        return term.weights(phase, labels)
 
     def _shared(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
         if (mode, phase, here) not in self._phases:
@@ -256,19 +256,19 @@ class Numbers:
             labels: names of the components of a difference.
         """
         assert term.target is not None  # else it follows the path
-        key, rotates = ParameterKey("target", term=k), len(labels) < size
-        if not rotates:
-            return self._value(key, _sized(term, term.target, size, labels))
-        if key in self.replaced:
+        rotates = len(labels) < size
+        if self.replaced and (key := ParameterKey("target", term=k)) in self.replaced:
+            if not rotates:
+                return self._given(key, size)
             raise ProblemError(
                 f"{self.where}, parameter '{self.replaced[key][0]}': is the target of a rotation - got a value for it, "
                 "expected none; declare the term with another to="
             )
         if term.target.size == 0:  # a regularised rotation
             return np.array([1.0, 0.0, 0.0, 0.0])
-        value = rotation.np_from_rpy(term.target) if term.target.size == 3 else term.target
-        value = _sized(term, value, size, labels)
-        return np.asarray(value / np.linalg.norm(value))
+        angles = rotates and term.target.size == 3
+        value = _sized(term, rotation.np_from_rpy(term.target) if angles else term.target, size, labels)
+        return value / np.linalg.norm(value) if rotates else value
 
     def _followed(self, each: _Tracked, nodes: Sequence[Node]) -> Array:
         """Return the path's targets of a cost at nodes, (n, size); of a rotation unit quaternions."""
