@@ -125,7 +125,7 @@ def transition_kernel(number: int, transition: LoweredTransition) -> Kernel:
         NP=transition.layout.size,
     )  # fmt: skip
     lines += ['#include "functions.h"', *implicit.elimination.tables(), *out.tables()]
-    return Kernel(functions, "\n".join([*lines, '#include "link.inc"', ""]))
+    return Kernel(functions, "\n".join([*lines, '#include "transition.inc"', ""]))
 
 
 def _make(name: str, inputs: list[cs.SX], outputs: list[cs.SX]) -> cs.Function:

@@ -95,10 +95,10 @@ class SolverMemory:
         self.blocks: list[NodeBlocks] = []
         groups = [self._mode_group(number, mode) for number, mode in enumerate(modes)]
         resets = [self._transition_group(number, transition) for number, transition in enumerate(transitions)]
-        self.c.num_phases, self.c.num_groups, self.c.num_links = len(problem.phases), len(groups), len(resets)
+        self.c.num_phases, self.c.num_groups, self.c.num_transitions = len(problem.phases), len(groups), len(resets)
         self.c.phases = self.phases
         self.c.groups = self._keep((self.types.Group * max(len(groups), 1))(*groups))
-        self.c.links = self._keep((self.types.Group * max(len(resets), 1))(*resets))
+        self.c.transitions = self._keep((self.types.Group * max(len(resets), 1))(*resets))
         self.initial = self._array(problem.initial.size, problem.initial)
         self.c.initial = self.initial.ctypes.data
         self.history = self._keep((s.Record * options.max_iterations)())
@@ -170,7 +170,7 @@ class SolverMemory:
         phases = enumerate(self.problem.phases)
         where = [(i, phase.num_stages) for i, phase in phases if phase.transition is transition]
         group = self.types.Group()
-        sizes = s.TransitionSizes.in_dll(self.library, f"link{number}_table")
+        sizes = s.TransitionSizes.in_dll(self.library, f"transition{number}_table")
         group.transition = ct.addressof(sizes)
         group.blocks, group.num_blocks = self._blocks(
             "transition", where, NodeSizes(transition.layout.size, z=transition.nz, factors=sizes.nf)

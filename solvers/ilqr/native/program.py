@@ -19,7 +19,7 @@ TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encod
     "piaffe.h", "parts.h",
     "solver.c", "manifold.inc", "barrier.inc", "trial.inc", "model.inc", "direction.inc", "search.inc", "outer.inc",
     "parts.inc",
-    "mode.inc", "link.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "rollout.inc",
+    "mode.inc", "transition.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "rollout.inc",
 )}  # fmt: skip
 """Shared headers; files of the solver's unit; files of the units of modes and transitions."""
 
@@ -39,7 +39,7 @@ class Program:
         kernels: the solver and its kernels (name, text): short, compiled with high optimisation.
         headers: file name → text.
 
-    Modes have tables ``mode0_table``, ..., transitions ``link0_table``, ..., in the given order.
+    Modes have tables ``mode0_table``, ..., transitions ``transition0_table``, ..., in the given order.
     """
 
     expressions: tuple[tuple[str, str], ...]
@@ -81,8 +81,8 @@ def program(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTransition
         kernels.append((f"mode{number}", kernel.text))
     for number, transition in enumerate(transitions):
         kernel = transition_kernel(number, transition)
-        functions |= {f"link{number}_f_{name}": f for name, f in kernel.functions.items()}
-        kernels.append((f"link{number}", kernel.text))
+        functions |= {f"transition{number}_f_{name}": f for name, f in kernel.functions.items()}
+        kernels.append((f"transition{number}", kernel.text))
     units = generate(functions)
     includes = {name: text for name, text in TEMPLATES.items() if name != "solver.c"}
     expressions = tuple((unit.name, unit.text) for unit in units.units)

@@ -109,10 +109,10 @@ def structs(width: int) -> Structs:
         _fields_ = [
             ("num_phases", ct.c_int),
             ("num_groups", ct.c_int),
-            ("num_links", ct.c_int),
+            ("num_transitions", ct.c_int),
             ("phases", ct.POINTER(Phase)),
             ("groups", ct.POINTER(Group)),
-            ("links", ct.POINTER(Group)),
+            ("transitions", ct.POINTER(Group)),
             ("initial", Doubles),
             ("options", Options),
             ("history", ct.POINTER(Record)),

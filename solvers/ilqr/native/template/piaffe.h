@@ -91,10 +91,10 @@ typedef struct {
 enum { CONVERGED, ITERATION_LIMIT, TIME_LIMIT, LINE_SEARCH_FAILED, INFEASIBLE, NOT_FINITE, INTERRUPTED };
 
 typedef struct Problem {
-    int num_phases, num_groups, num_links;
+    int num_phases, num_groups, num_transitions;
     Phase *phases;
     Group *groups;                          /* stages and ends, by mode */
-    Group *links;                           /* transitions, by kind */
+    Group *transitions;                     /* one group per kind of transition */
     const double *initial;
     Options options;
     Record *history;                        /* (max_iterations) */

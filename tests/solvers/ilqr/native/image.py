@@ -78,4 +78,4 @@ class ImageMemory(SolverMemory):
 def table_names(library: Library) -> list[str]:
     """Return the symbols of a library's modes and transitions, in the order of ``tables``."""
     modes, transitions = range(len(library.modes)), range(len(library.transitions))
-    return [f"mode{k}_table" for k in modes] + [f"link{k}_table" for k in transitions]
+    return [f"mode{k}_table" for k in modes] + [f"transition{k}_table" for k in transitions]

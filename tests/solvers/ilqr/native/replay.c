@@ -35,12 +35,12 @@ int main(int count, char **names)
 #endif
             }
         }
-        for (long long links = number(file); links > 0; links--) {
+        for (long long pointers = number(file); pointers > 0; pointers--) {
             long long from = number(file), at = number(file), to = number(file), offset = number(file);
             char *target = memory[to] + offset;
             memcpy(memory[from] + at, &target, sizeof target);
         }
-        for (long long links = number(file); links > 0; links--) {
+        for (long long pointers = number(file); pointers > 0; pointers--) {
             long long from = number(file), at = number(file), table = number(file);
             memcpy(memory[from] + at, &tables[table], sizeof tables[table]);
         }
