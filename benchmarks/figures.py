@@ -52,7 +52,7 @@ def vs_crocoddyl(results: dict[str, Any]) -> Figure:
 
 
 def like_for_like(results: dict[str, Any]) -> Figure:
-    """Return bars of the parts of an iteration, per processor that both are compiled for: least times, and ratios."""
+    """Return bars of the parts of an iteration for each processor that both are compiled for: least times, ratios."""
     robots, parts = results["robots"], ("derivatives", "backward", "forward with evaluation")
     shades = {"crocoddyl": ("0.35", "0.55", "0.75"), "piaffe": (LEGS[0], LEGS[5], LEGS[1])}
     figure, axes = plt.subplots(1, len(robots), figsize=(9.5, 3.6), sharey=True, squeeze=False)
