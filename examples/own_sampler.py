@@ -1,4 +1,4 @@
-"""Two samplers of one's own, the cross-entropy method and predictive sampling: Solo12 trots with each of them."""
+"""Two user-defined samplers, the cross-entropy method and predictive sampling: Solo12 trots with each of them."""
 
 import argparse
 
@@ -11,20 +11,20 @@ problem, reward = trot_mppi.sampled_problem, trot_mppi.reward
 
 
 class CEM(sampling.Sampler):
-    """The cross-entropy method: the plan is the mean of the best samples, whose spread the next stage samples with."""
+    """The cross-entropy method: the plan is the mean of the best samples, their deviation that of the next stage."""
 
     title = "CEM"
-    # chosen on seeds 10, 11 and 12, where one stage, and 12 steps ahead, trot too
+    # chosen on seeds 10, 11 and 12, on which one stage and a horizon of 12 steps trot, too
     defaults = sampling.Options(samples=256, sigma=0.5, node_factor=0.9, stages=2, first_stages=6)
-    elites = 0.1  # share of the samples
-    least = 0.05  # deviation, in halves of the controls' range
+    elites = 0.1  # fraction of the samples
+    least = 0.05  # smallest deviation, relative to half of the controls' range
 
     def initial_memory(self):
         """Return the deviation of every node."""
         return {"deviation": np.full((self.options.knots + 1, len(self.model.action.centre)), self.options.sigma)}
 
     def sample(self, xp, plan, noise, stage, memory):
-        """Return perturbed plans: a plan's first stage takes the deviation of the options, the others that of the best."""
+        """Return perturbed plans; the first stage has the options' deviation, the others that of the best samples."""
         return plan + xp.where(stage.index == 0, stage.deviation, memory["deviation"]) * noise
 
     def returns(self, xp, rolled, memory):
@@ -32,7 +32,7 @@ class CEM(sampling.Sampler):
         return self.mean_reward(rolled), memory
 
     def update(self, xp, samples, returns, memory):
-        """Return the mean of the best, equal weights for them, and their deviation."""
+        """Return the mean of the best samples, equal weights for them, and their deviation."""
         count = max(2, round(self.elites * len(returns)))
         order = xp.argsort(returns, stable=True)
         best = samples[order[-count:]]
@@ -44,9 +44,8 @@ class Predictive(sampling.Sampler):
     """Predictive sampling: the plan is the best sample."""
 
     title = "predictive sampling"
-    defaults = sampling.Options(
-        samples=512, sigma=0.2, node_factor=1.0, first_stages=1
-    )  # seeds 10 to 12, of 0.1 to 0.3
+    # sigma is the best of 0.1 to 0.3 on seeds 10, 11 and 12
+    defaults = sampling.Options(samples=512, sigma=0.2, node_factor=1.0, first_stages=1)
 
     def sample(self, xp, plan, noise, stage, memory):
         """Return perturbed plans."""
@@ -57,7 +56,7 @@ class Predictive(sampling.Sampler):
         return self.mean_reward(rolled), memory
 
     def update(self, xp, samples, returns, memory):
-        """Return the best sample, and all weight for it."""
+        """Return the best sample, with weight 1 for it."""
         best = xp.argmax(returns)
         return samples[best], xp.where(xp.arange(len(returns)) == best, 1.0, 0.0), memory
 
@@ -66,16 +65,16 @@ controllers = {"cem": CEM, "predictive": Predictive}
 
 
 def main(steps: int = 400, seeds: int = 3, engine: str = "auto") -> float:
-    """Run both samplers with seeds 0, 1, ...; return in how many of all episodes the robot trots to the end."""
-    won = 0
+    """Run both samplers with seeds 0, 1, ...; return the fraction of episodes in which the robot trots to the end."""
+    successes = 0
     for name, kind in controllers.items():
         controller = kind(problem(), reward=reward, engine=engine)
         for seed in range(seeds):
             start = sampling.Spread().around(controller.model, controller.initial, seed)
             episode = sampling.run_episode(controller, steps=steps, seed=seed, initial=start)
             print(f"{name}, seed {seed}: {'success' if episode.success else 'failure'}, {episode.distance:.2f} m")
-            won += episode.success
-    return won / (seeds * len(controllers))
+            successes += episode.success
+    return successes / (seeds * len(controllers))
 
 
 if __name__ == "__main__":
