@@ -24,7 +24,7 @@ class CEM(sampling.Sampler):
         return {"deviation": np.full((self.options.knots + 1, len(self.model.action.centre)), self.options.sigma)}
 
     def sample(self, xp, plan, noise, stage, memory):
-        """Return perturbed plans; a plan's first stage has the options' deviation, the others that of the best samples."""
+        """Return perturbed plans; the first stage has the options' deviation, the others that of the best samples."""
         return plan + xp.where(stage.index == 0, stage.deviation, memory["deviation"]) * noise
 
     def returns(self, xp, rolled, memory):
