@@ -52,7 +52,6 @@ INTERNAL: dict[str, dict[str, str]] = {
     "sampling": {
         "Episode": "of piaffe.simulation, where it is shown",
         "Spread": "of piaffe.simulation, where it is shown",
-        "TITLES": "what tables and figures call the controllers",
         "listed": _COMMAND,
         "require_executor": _CHECK,
         "require_pyarrow": _CHECK,
