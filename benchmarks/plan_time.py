@@ -24,10 +24,10 @@ import numpy as np
 from common import arguments, surroundings, tell
 from mujoco.rollout import Rollout
 
-from piaffe.sampling import MPPI
+from piaffe.sampling import CONTROLLERS, Sampler
 from piaffe.sampling.engines.native import CHUNKS_PER_THREAD, NativeEngine, own_copy, quiet
 from piaffe.sampling.study.declared import Declared, load_declared
-from piaffe.sampling.study.trials import CONTROLLERS, NO_VALUE, options_of
+from piaffe.sampling.study.trials import NO_VALUE, options_of
 from piaffe.sampling.value.fingerprint import fingerprint
 from piaffe.sampling.value.inputs import ValueInputs
 from piaffe.sampling.value.network import HIDDEN, Layer, Network
@@ -75,7 +75,7 @@ ON_JAX = (Setting(engine="mjx"), Setting(samples=2048, horizon=16, engine="mjx")
 class Alone:
     """``mujoco.rollout`` with what a controller's engine simulates, and nothing else."""
 
-    def __init__(self, controller: MPPI, threads: int) -> None:
+    def __init__(self, controller: Sampler, threads: int) -> None:
         self.model = own_copy(mujoco, controller.model.compiled(), warm_start=None)
         n, steps = controller.options.samples + 1, controller.steps + 1
         self.models, self.steps, self.chunk = [self.model] * n, steps, max(1, n // (CHUNKS_PER_THREAD * threads))
@@ -109,7 +109,7 @@ class Recorder:
         return getattr(self.engine, name)
 
 
-def random_value(controller: MPPI) -> Value:
+def random_value(controller: Sampler) -> Value:
     """Return a value function with random weights, of the published size."""
     inputs = ValueInputs.standard(controller.nodes)
     sizes = (sum(inputs.spec(controller.nodes.mode).values()), *HIDDEN)
@@ -135,7 +135,7 @@ def accelerator() -> dict[str, Any]:
     return {"jax": jax.__version__, "device": device.device_kind, "platform": device.platform}
 
 
-def controller_of(declared: Declared, setting: Setting, file: Path | None) -> MPPI:
+def controller_of(declared: Declared, setting: Setting, file: Path | None) -> Sampler:
     """Return the controller of a setting."""
     given = {"controller": setting.controller, "samples": setting.samples, "engine": setting.engine, "value": NO_VALUE}
     options = options_of(declared, given, setting.threads)
@@ -146,10 +146,12 @@ def controller_of(declared: Declared, setting: Setting, file: Path | None) -> MP
     return controller
 
 
-def measure(controller: MPPI, setting: Setting, repeats: int) -> dict[str, Any]:
+def measure(controller: Sampler, setting: Setting, repeats: int) -> dict[str, Any]:
     """Return what a plan and its parts take over the turns, and its roll-outs alone."""
     alone = Alone(controller, setting.threads or cores()) if setting.engine != "mjx" else None
-    recorder = controller.engine = Recorder(controller.engine)
+    recorder = Recorder(controller.engine)
+    if alone is not None:
+        controller.engine = recorder
     turns: list[dict[str, float]] = []
     x = controller.problem.initial
     controller.reset(0)

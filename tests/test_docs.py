@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from piaffe import models, ocp
+from piaffe.cli.app import main
 from piaffe.models import robots
 from piaffe.models.robots import known
 from tests.api_names import FACES, INTERNAL
@@ -73,7 +74,13 @@ EXTENSIONS = blocks_of("extending.md")
 def test_example_of_an_extension_runs(heading: str, tmp_path: Path) -> None:
     file = tmp_path / "extension.py"
     file.write_text(EXTENSIONS[heading])
-    assert runpy.run_path(str(file))
+    assert runpy.run_path(str(file), run_name="__main__")
+
+
+def test_sampler_of_the_extensions_is_run_by_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "my_sampler.py").write_text(EXTENSIONS["A sampler of your own"])
+    code = main(["mppi", str(tmp_path / "my_sampler.py"), "--controller", "best-ten", "--steps", "50", "--seeds", "2"])
+    assert code == 0
 
 
 def test_robot_of_the_extensions_is_loaded_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,7 @@ class Stage(NamedTuple):
 
     Within ``jit`` its numbers are traced: use ``xp.where(stage.index == 0, a, b)`` instead of ``if``.
 
-    Args:
+    Attributes:
         index: i, from 0.
         count: stages of this plan.
         deviation: standard deviation of every node by the schedule of the options, (knots + 1, 1), in halves of the
@@ -43,7 +43,7 @@ class Stage(NamedTuple):
 class Rolled(NamedTuple):
     """The roll-outs of a stage, n of them; the last one is that of the unperturbed plan.
 
-    Args:
+    Attributes:
         k: index of the first node.
         states: (n, H + 2, nx).
         controls: in the model's units, (n, H + 1, nu).
@@ -67,7 +67,7 @@ class Rolled(NamedTuple):
 class Staged(NamedTuple):
     """The result of a stage.
 
-    Args:
+    Attributes:
         plan: nodes (knots + 1, nu) in halves of the controls' range.
         rolled: the roll-outs it was made from.
         returns: of the roll-outs (n,), the worst one where they failed.

@@ -92,6 +92,60 @@ def test_a_reward_that_is_none_is_refused(sampled_file: Path, tmp_path: Path) ->
         load_declared(str(file))
 
 
+OWN = """
+
+class Best(sampling.MPPI):
+    title = "best of all"
+    defaults = sampling.Options(samples=7, first_stages=1)
+
+    def update(self, xp, samples, returns, memory):
+        best = xp.argmax(returns)
+        return samples[best], xp.where(xp.arange(len(returns)) == best, 1.0, 0.0), memory
+
+controllers = {"best": Best}
+"""
+
+
+def test_a_controller_of_the_file_is_run_by_its_name(
+    capsys: pytest.CaptureFixture[str], sampled_file: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "own.py"
+    file.write_text(sampled_file.read_text() + OWN)
+    _, out, _ = run(capsys, file, "--controller", "best", "--steps", 3)
+    assert "best of all, H = 4 (0.08 s), 7 samples" in out
+    file.write_text(sampled_file.read_text() + OWN + "options = {'best': {'samples': 9}}\n")
+    found = json.loads(run(capsys, file, "--controller", "best", "--steps", 3, "--json")[1])
+    assert (found["controller"], found["settings"]["samples"]) == ("best", 9)
+    assert found["episodes"][0]["effective_samples_median"] == 1.0
+    assert "no controller 'worst' - got 'worst', expected one of ['td-cd', 'dial', 'mppi', 'best']" in run(
+        capsys, file, "--controller", "worst"
+    )[2]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        ("[1]", "name 'controllers': is not what controllers take - got list, expected Mapping"),
+        ("{'best': 3}", "controllers: 'best' is no controller - got 3, expected a subclass of sampling.Sampler"),
+        ("{'best': Best(sampled_problem())}", "controllers: 'best' is no controller - got <"),
+        ("{'dial': Best}", "controllers: 'dial' has the name of a controller of Piaffe - got Best, expected another"),
+    ],
+)
+def test_what_is_no_controller_of_the_file_is_refused(
+    sampled_file: Path, tmp_path: Path, own: str, message: str
+) -> None:
+    file = tmp_path / "odd.py"
+    file.write_text(sampled_file.read_text() + OWN + f"controllers = {own}\n")
+    with pytest.raises(ProblemError) as error:
+        load_declared(str(file))
+    assert message in str(error.value)
+
+
+def test_help_names_every_controller(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = run(capsys, "--help")
+    assert [name for name in CONTROLLERS if name not in out] == []
+
+
 # ---- settings
 
 

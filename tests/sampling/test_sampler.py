@@ -1,5 +1,7 @@
 """A sampler of one's own: three methods, pure functions of arrays; what they do wrong is told by name."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from piaffe.errors import SamplingError
 from piaffe.models import base
 from piaffe.sampling.controllers.contract import returned, sampled, settled, unexplained, updated
 
+CHECKOUT = Path(__file__).resolve().parents[2]
 DT, STEPS, SAMPLES, NODES, NU = 0.02, 3, 8, 5, 12
 
 
@@ -104,6 +107,20 @@ def test_a_class_is_called_by_its_name_unless_it_has_a_title():
     assert (Own.title, Titled.title, sampling.MPPI.title) == ("Own", "my own", "MPPI")
 
 
+def test_every_controller_is_public_and_on_the_api_page():
+    page = (CHECKOUT / "docs" / "api" / "sampling.md").read_text()
+    for kind in sampling.CONTROLLERS.values():
+        assert getattr(sampling, kind.__name__) is kind
+        assert f"::: piaffe.sampling.{kind.__name__}\n" in page
+    titles = [kind.title for kind in sampling.CONTROLLERS.values()]
+    assert titles == ["TD-CD-MPPI", "DIAL-MPC", "MPPI"]
+
+
+def test_the_old_name_of_the_titles_says_the_new_one():
+    with pytest.raises(AttributeError, match=r"'TITLES' was renamed - .*piaffe.sampling.CONTROLLERS\[name\].title"):
+        sampling.TITLES  # noqa: B018  # the error is what is looked at
+
+
 def test_a_sampler_that_uses_values_is_told_them(problem):
     class Valued(Plain):
         uses_value = True
@@ -137,31 +154,29 @@ def changed(method, change):
     return type("Odd", (Plain,), {method: other})
 
 
-WRONG = {
-    "sample, one node less": ("sample", lambda s: s[:, 1:], "samples have the wrong shape - got (8, 4, 12), expected (8, 5, 12)"),
-    "sample, nothing": ("sample", lambda s: None, "samples have the wrong shape - got NoneType"),
-    "sample, NaN": ("sample", lambda s: s * np.nan, "sample, samples not finite - got NaN or infinity in 480 of 480"),
-    "returns, one less": ("returns", lambda r: (r[0][1:], r[1]), "returns have the wrong shape - got (8,), expected (9,)"),
-    "returns, no memory": ("returns", lambda r: r[0], "returns gives something else - got ndarray, expected 2 values"),
-    "returns, NaN": ("returns", lambda r: (r[0] * np.nan, r[1]), "returns are not finite - got NaN or infinity for 9 of 9"),
-    "returns, less memory": ("returns", lambda r: (r[0], {}), "memory has other names - got [], expected ['mean', 'stages']"),
-    "update, a column": ("update", lambda u: (u[0][:, :1], *u[1:]), "plan have the wrong shape - got (5, 1), expected (5, 12)"),
-    "update, too many": ("update", lambda u: (*u, 0), "update gives something else - got 4 values, expected 3 values"),
-    "update, NaN": ("update", lambda u: (u[0] / 0.0 * 0.0, *u[1:]), "update, plan not finite - got NaN or infinity in"),
-    "update, weights": ("update", lambda u: (u[0], 2 * u[1], u[2]), "weights are no shares - got a sum of 2"),
-    "update, NaN weights": ("update", lambda u: (u[0], u[1] * np.nan, u[2]), "weights are no shares - got a sum of nan"),
-    "update, fewer weights": ("update", lambda u: (u[0], u[1][1:], u[2]), "weights have the wrong shape - got (8,), expected (9,)"),
-    "update, memory grows": (
-        "update", lambda u: (*u[:2], {**u[2], "mean": np.zeros(4)}), "memory 'mean' have the wrong shape - got (4,), expected (3,)",
-    ),
-    "update, NaN in memory": ("update", lambda u: (*u[:2], {**u[2], "stages": np.nan}), "memory, 'stages' not finite"),
-}  # fmt: skip
+WRONG = [
+    ("sample", lambda s: s[:, 1:], "samples have the wrong shape - got (8, 4, 12), expected (8, 5, 12)"),
+    ("sample", lambda s: None, "samples have the wrong shape - got NoneType"),
+    ("sample", lambda s: s * np.nan, "sample, samples not finite - got NaN or infinity in 480 of 480"),
+    ("returns", lambda r: (r[0][1:], r[1]), "returns have the wrong shape - got (8,), expected (9,)"),
+    ("returns", lambda r: r[0], "returns gives something else - got ndarray, expected 2 values"),
+    ("returns", lambda r: (r[0] * np.nan, r[1]), "returns are not finite - got NaN or infinity for 9 of 9"),
+    ("returns", lambda r: (r[0], {}), "memory has other names - got [], expected ['mean', 'stages']"),
+    ("returns", lambda r: (r[0], None), "memory has other names - got NoneType, expected ['mean', 'stages']"),
+    ("update", lambda u: (u[0][:, :1], *u[1:]), "plan have the wrong shape - got (5, 1), expected (5, 12)"),
+    ("update", lambda u: (*u, 0), "update gives something else - got 4 values, expected 3 values"),
+    ("update", lambda u: (u[0] / 0.0 * 0.0, *u[1:]), "update, plan not finite - got NaN or infinity in"),
+    ("update", lambda u: (u[0], 2 * u[1], u[2]), "weights are no shares - got a sum of 2"),
+    ("update", lambda u: (u[0], u[1] * np.nan, u[2]), "weights are no shares - got a sum of nan"),
+    ("update", lambda u: (u[0], u[1][1:], u[2]), "weights have the wrong shape - got (8,), expected (9,)"),
+    ("update", lambda u: (*u[:2], {**u[2], "mean": np.zeros(4)}), "memory 'mean' have the wrong shape - got (4,)"),
+    ("update", lambda u: (*u[:2], {**u[2], "stages": np.nan}), "memory, 'stages' not finite"),
+]
 
 
-@pytest.mark.parametrize("what", WRONG)
+@pytest.mark.parametrize(("method", "change", "message"), WRONG)
 @pytest.mark.filterwarnings("ignore:(invalid value|divide by zero):RuntimeWarning")
-def test_a_wrong_result_is_told_by_name(problem, what):
-    method, change, message = WRONG[what]
+def test_a_wrong_result_is_told_by_name(problem, method, change, message):
     with pytest.raises(SamplingError) as raised:
         plan_of(changed(method, change), problem)
     assert str(raised.value).startswith("controller 'Odd': ")
@@ -194,15 +209,17 @@ def test_the_methods_give_the_same_on_jax(problem, kind):
     controller = kind(problem, samples=SAMPLES, engine="native", threads=1)
     random = np.random.default_rng(0)
     noise, plan = random.standard_normal((SAMPLES, NODES, NU)), random.uniform(-1, 1, (NODES, NU))
-    violation = np.maximum(random.standard_normal((4, SAMPLES + 1, STEPS + 1)), 0.0)
-    if kind is sampling.TDCDMPPI:
-        violation = np.maximum(random.standard_normal((len(controller.constraints), SAMPLES + 1, STEPS + 1)), 0.0)
+    n = SAMPLES + 1
     rolled = sampling.Rolled(
-        k=0, states=random.standard_normal((SAMPLES + 1, STEPS + 2, 37)),
-        controls=random.standard_normal((SAMPLES + 1, STEPS + 1, NU)), cost=random.uniform(size=(SAMPLES + 1, STEPS + 1)),
-        last=random.uniform(size=SAMPLES + 1), value=random.uniform(size=SAMPLES + 1) if kind.uses_value else None,
-        violation=violation, failed=np.arange(SAMPLES + 1) == 2,
-    )  # fmt: skip
+        k=0,
+        states=random.standard_normal((n, STEPS + 2, 37)),
+        controls=random.standard_normal((n, STEPS + 1, NU)),
+        cost=random.uniform(size=(n, STEPS + 1)),
+        last=random.uniform(size=n),
+        value=random.uniform(size=n) if kind.uses_value else None,
+        violation=np.maximum(random.standard_normal((len(controller.constraints), n, STEPS + 1)), 0.0),
+        failed=np.arange(n) == 2,
+    )
     memory = {name: np.asarray(kept) for name, kept in controller.initial_memory().items()}
 
     def stage(xp, plan, noise, rolled, memory):

@@ -321,6 +321,23 @@ def test_trained_value_serves_its_controller_and_no_other(plant: models.Mujoco, 
     np.testing.assert_array_equal(again.network.head, load_value(file).network.head)
 
 
+def test_learning_tells_how_far_it_is(plant: models.Mujoco, tmp_path: Path) -> None:
+    told: list[tuple[str, int, int]] = []
+    train_value(
+        trot_problem(plant=plant), tmp_path / "told", collecting=SMALL, learning=LEARN,
+        progress=lambda stage, done, total: told.append((stage, done, total)),
+    )  # fmt: skip
+    stages = list(dict.fromkeys(stage for stage, _, _ in told))
+    assert stages == ["collecting, shards", "learning, minibatches"]
+    last = {stage: (done, total) for stage, done, total in told}
+    assert last == {"collecting, shards": (SMALL.shards,) * 2, "learning, minibatches": (LEARN.updates,) * 2}
+
+
+def test_progress_that_is_no_function_is_refused(plant: models.Mujoco, tmp_path: Path) -> None:
+    with pytest.raises(SamplingError, match="progress is no function - got True, expected a function.*stage_bars"):
+        train_value(trot_problem(plant=plant), tmp_path / "v", progress=True)
+
+
 def test_learning_with_another_discount_is_refused(plant: models.Mujoco, tmp_path: Path) -> None:
     with pytest.raises(SamplingError, match=r"got discount 0.95 in learning, expected 0.9"):
         train_value(trot_problem(plant=plant), tmp_path / "v", learning=LearnOptions(discount=0.95))

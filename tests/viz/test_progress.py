@@ -1,4 +1,4 @@
-"""The live table: redrawn on a terminal, every tenth line in a log."""
+"""The live table and bars: redrawn on a terminal; in a log, every tenth line of the table and no bar."""
 
 from io import StringIO
 
@@ -6,6 +6,7 @@ import pytest
 from rich.console import Console
 
 from piaffe.solvers import MSiLQR, Options
+from piaffe.viz.bars import stage_bars
 from piaffe.viz.progress import LiveTable
 
 from ..problems import swing_up
@@ -41,3 +42,17 @@ def test_what_is_within_tolerance_is_green() -> None:
     defect, equality = LiveTable().cells(solution.history[-1])[3:5]
     assert not defect.startswith("[green]")
     assert equality.startswith("[green]")
+
+
+def test_each_stage_has_a_bar_on_a_terminal_and_none_in_a_log() -> None:
+    terminal, log = Console(file=StringIO(), width=100, force_terminal=True), Console(file=StringIO(), width=100)
+    for console in (terminal, log):
+        with stage_bars(console) as show:
+            for stage, total in (("collecting", 2), ("learning", 30)):
+                for done in range(total + 1):
+                    show(stage, done, total)
+    shown = terminal.file.getvalue()
+    assert "collecting" in shown
+    assert "2/2" in shown
+    assert "30/30" in shown
+    assert log.file.getvalue().strip() == ""
