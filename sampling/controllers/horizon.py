@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError, ShapeError
 from piaffe.models import Mujoco
-from piaffe.ocp import Problem, whole_steps
+from piaffe.ocp import Problem, is_same_time, whole_steps
 
 from .spline import Spline
 
@@ -80,9 +80,8 @@ def moved_by_steps(spline: Spline, plan: Array, t: float, before: float, dt: flo
     Raises:
         SamplingError: that is not a whole number of steps, or it is negative.
     """
-    elapsed = (t - before) / dt
-    count = round(elapsed)
-    if count < 0 or abs(elapsed - count) > 1e-6:
+    count = round((t - before) / dt)
+    if count < 0 or not is_same_time(count * dt, t - before):
         raise SamplingError(
             f"plan at t = {t:g} s: is not a whole number of steps after the last one - got {t - before:g} s, expected "
             f"a multiple of {dt:g} s; call reset() first, or use shift='elapsed'"

@@ -274,4 +274,4 @@ def test_a_transition_has_the_time_step_of_the_model_that_ends(cascade):
     stand, left, tail = cascade.phases
     assert tail.dt == 0.05
     for phase in (stand, left):
-        assert phase.p_transition[phase.transition.layout.slices["dt"]].tolist() == [0.02]
+        assert phase.p_transition[phase.transition.layout.slices[ocp.ParameterKey("dt")]].tolist() == [0.02]

@@ -154,7 +154,8 @@ def test_a_path_that_holds_no_value_says_so(tmp_path: Path) -> None:
 
 
 def test_horizon_samples_and_place_of_the_start_do_not_matter(value: Value) -> None:
-    value.check(controller(horizon=16, options=Options(samples=64, temperature=0.05, seed=3)))
+    other = controller(horizon=16, options=Options(samples=64, temperature=0.05, seed=3))
+    value.check(other.nodes, other.reward, other.options)
     moved = controller()
     start = moved.nodes.problem.initial + np.r_[3.0, 1.0, np.zeros(35)]
     moved.nodes = Nodes(moved.nodes.problem.with_initial(start))
@@ -163,8 +164,9 @@ def test_horizon_samples_and_place_of_the_start_do_not_matter(value: Value) -> N
 
 def test_other_robot_is_refused(value: Value) -> None:
     robot = models.load("solo12", foot_radius=0.02)
+    other = controller(plant=models.Mujoco(robot, armature=0.01))
     with pytest.raises(SamplingError, match=r"'robot.foot_radius' 0.02, expected 0.0165"):
-        value.check(controller(plant=models.Mujoco(robot, armature=0.01)))
+        value.check(other.nodes, other.reward, other.options)
 
 
 _PRINT = """

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Kind,
         Trajectory,
         Verification,
+        Violation,
     )
     from piaffe.solvers import Solution
 
@@ -83,12 +84,10 @@ def print_solution(console: Console, solution: Solution, wall_s: float) -> None:
         table.add_row(name, f"{cost:.5g}", f"{100 * cost / total:.1f} %")
     console.print(table)
     table = new_table("constraint", "kind", ">worst", "unit", "where")
-    for miss in solution.violations:
-        met = miss.amount <= 1e-3
-        amount = f"{miss.amount:.1e}" if met else f"[red]{miss.amount:.2e}[/]"
-        table.add_row(
-            miss.name, miss.kind, amount, miss.unit, f"{miss.phase}, node {miss.node}" if miss.amount > 0 else ""
-        )
+    for row in solution.violations:
+        met = row.amount <= 1e-3
+        amount = f"{row.amount:.1e}" if met else f"[red]{row.amount:.2e}[/]"
+        table.add_row(row.name, row.kind, amount, row.unit, f"{row.phase}, node {row.node}" if row.amount > 0 else "")
     console.print(table)
     if not solution.converged:
         console.print(solution.explain())
@@ -108,9 +107,16 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
         "max_inequality": result.max_inequality, "turns_rad": None if turns is None else turns.tolist(),
         "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
         "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
-        "duration_s": trajectory.duration, "worst": asdict(worst) if worst else None,
-        **{f"worst_{kind}": asdict(miss) if (miss := result.worst(kind)) else None for kind in KINDS},
+        "duration_s": trajectory.duration, "worst": _row(worst),
+        **{f"worst_{kind}": _row(result.worst(kind)) for kind in KINDS},
     }  # fmt: skip
+
+
+def _row(violation: Violation | None) -> dict[str, Any] | None:
+    """Return a violation as JSON-able values; a verification knows no multiplier."""
+    if violation is None:
+        return None
+    return {name: value for name, value in asdict(violation).items() if name != "multiplier"}
 
 
 def print_verification(console: Console, result: Verification, values: dict[str, Any]) -> None:
@@ -119,12 +125,12 @@ def print_verification(console: Console, result: Verification, values: dict[str,
 
     table = new_table("kind", ">worst", ">bound", "row", "phase", ">node", "unit", "declared")
     for kind in KINDS:
-        miss = result.worst(kind)
-        if miss is not None:
-            colour = "green" if miss.ratio <= 1 else "red"
+        row = result.worst(kind)
+        if row is not None:
+            colour = "green" if row.ratio <= 1 else "red"
             table.add_row(
-                kind, f"[{colour}]{miss.amount:.2e}[/]", f"{BOUNDS[kind]:.0e}", miss.name, miss.phase, str(miss.node),
-                miss.unit, miss.source,
+                kind, f"[{colour}]{row.amount:.2e}[/]", f"{BOUNDS[kind]:.0e}", row.name, row.phase, str(row.node),
+                row.unit, row.source,
             )  # fmt: skip
     console.print(table)
     if values["turns_rad"] is not None:
