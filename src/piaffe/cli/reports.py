@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Kind,
         Trajectory,
         Verification,
+        Violation,
     )
     from piaffe.solvers import Solution
 
@@ -108,9 +109,14 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
         "max_inequality": result.max_inequality, "turns_rad": None if turns is None else turns.tolist(),
         "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
         "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
-        "duration_s": trajectory.duration, "worst": asdict(worst) if worst else None,
-        **{f"worst_{kind}": asdict(miss) if (miss := result.worst(kind)) else None for kind in KINDS},
+        "duration_s": trajectory.duration, "worst": _missed(worst),
+        **{f"worst_{kind}": _missed(result.worst(kind)) for kind in KINDS},
     }  # fmt: skip
+
+
+def _missed(worst: Violation | None) -> dict[str, Any] | None:
+    """Return a violation without its multiplier, which a verification does not know."""
+    return None if worst is None else {key: value for key, value in asdict(worst).items() if key != "multiplier"}
 
 
 def print_verification(console: Console, result: Verification, values: dict[str, Any]) -> None:
