@@ -107,16 +107,14 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
         "max_inequality": result.max_inequality, "turns_rad": None if turns is None else turns.tolist(),
         "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
         "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
-        "duration_s": trajectory.duration, "worst": _row(worst),
-        **{f"worst_{kind}": _row(result.worst(kind)) for kind in KINDS},
+        "duration_s": trajectory.duration, "worst": _missed(worst),
+        **{f"worst_{kind}": _missed(result.worst(kind)) for kind in KINDS},
     }  # fmt: skip
 
 
-def _row(violation: Violation | None) -> dict[str, Any] | None:
-    """Return a violation as JSON-able values; a verification knows no multiplier."""
-    if violation is None:
-        return None
-    return {name: value for name, value in asdict(violation).items() if name != "multiplier"}
+def _missed(worst: Violation | None) -> dict[str, Any] | None:
+    """Return a violation without its multiplier, which a verification does not know."""
+    return None if worst is None else {key: value for key, value in asdict(worst).items() if key != "multiplier"}
 
 
 def print_verification(console: Console, result: Verification, values: dict[str, Any]) -> None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.progress import Progress, TaskID
 from typer.core import TyperCommand, TyperOption
 
 from piaffe.errors import SamplingError
