@@ -272,6 +272,25 @@ def test_an_inequality_at_the_end_is_seen_and_met(backend: Backend) -> None:
     assert done.cost == pytest.approx(referee(problem).cost, rel=1e-4)
 
 
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_defects_are_closed_where_they_cost_next_to_nothing(backend: Backend) -> None:
+    """A free fall whose guess floats: no cost decreases by much, and yet the states are to be those of the fall."""
+    ball = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+        modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81}},
+    )  # fmt: skip
+    fall = ocp.Problem(
+        ocp.Motion(ocp.Phase("fall", "fall", 0.5, {"z": 1.0})), ball.until_end(dt=0.05),
+        ocp.Objective(ocp.regularize("thrust", 1e-7)), initial=[1.0, 0.0],
+    )  # fmt: skip
+    solution = MSiLQR(fall, backend=backend).solve()
+    z, v = 1.0, 0.0
+    for _ in range(10):
+        z, v = z + 0.05 * v, v - 0.05 * 9.81
+    assert solution.converged
+    np.testing.assert_allclose(solution.trajectory.phases[0].states[-1], [z, v], atol=1e-4)
+
+
 # ---- single shooting and everything between
 
 
