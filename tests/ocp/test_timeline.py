@@ -102,6 +102,13 @@ def test_a_junction_on_a_boundary_ends_the_phase_and_knows_what_follows():
     assert second.following.phase.name == "three"
 
 
+def test_a_phase_of_one_step_follows_the_one_before():
+    brief = ocp.Motion(ocp.Phase("one", "a", 0.2), ocp.Phase("two", "b", 0.05), ocp.Phase("three", "c", 0.3))
+    first, second, third = spans(brief, CUT.until_end(dt=0.05))
+    assert (first.following.phase.name, second.following.phase.name, third.following) == ("two", "three", None)
+    assert second.num_stages == 1
+
+
 def test_the_end_of_the_motion_is_followed_by_nothing():
     assert spans(MOTION, CUT.until_end(dt=0.1))[-1].following is None
 

@@ -5,13 +5,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from piaffe.ocp import compile_problem
+from piaffe.ocp import Problem, compile_problem, equality
 from piaffe.solvers import LqPhase, MSiLQR
 from piaffe.solvers.ilqr import barrier
 from piaffe.solvers.ilqr.iterate import Iterate
 from piaffe.solvers.ilqr.run import Run
 
-from ...problems import PROBLEMS, linear_quadratic
+from ...problems import PROBLEMS, linear_quadratic, rope
 
 STEP = 1e-6  # central differences: error of order STEP² from curvature and 1e-16/STEP from rounding
 
@@ -22,9 +22,14 @@ def begin(solver: MSiLQR, start: Iterate) -> Run:
 
 
 def somewhere(name: str) -> Run:
+    """Return a run of a problem at a random iterate."""
+    return at_random(PROBLEMS[name]())
+
+
+def at_random(problem: Problem) -> Run:
     """Return a run at a random iterate, with random relaxations, multipliers and penalties; nothing is zero there."""
     rng = np.random.default_rng(0)
-    solver = MSiLQR(compile_problem(PROBLEMS[name]()))
+    solver = MSiLQR(compile_problem(problem))
     phases = solver.problem.phases
     tangents = [rng.normal(scale=0.1, size=(p.num_stages + 1, p.mode.state.ndx)) for p in phases]
     states = [p.mode.state.np_plus(p.guess_states, dx) for p, dx in zip(phases, tangents, strict=True)]
@@ -75,6 +80,25 @@ def test_gradient_of_the_augmented_lagrangian_matches_finite_differences(name: s
         if k < n:
             found = [slope(i, k, None, e) for e in np.eye(nu)]
             np.testing.assert_allclose(models[i].l_u[k], found, rtol=1e-5, atol=1e-6 * (1 + np.max(np.abs(found))))
+
+
+def test_gradient_of_rows_of_the_implicit_variables_matches_finite_differences() -> None:
+    """Equality, inequality and cost of the rope's tension, which is solved for: all change with state and control."""
+    plain = rope()
+    pull = equality(lambda s: s.tension - 2.0 * s.force[0], name="pull", unit="N")
+    run = at_random(
+        Problem(plain.motion, plain.schedule, plain.objective, plain.constraints + pull, initial=plain.initial)
+    )
+    run.outer.duals[1].shift = np.random.default_rng(1).uniform(0.1, 0.5, size=run.outer.duals[1].shift.shape)
+    model, k = run.linearise()[1], 7
+    assert np.abs(run.current.values[1].z[k, 2]) > 1.0  # the tension of the taut rope [N]
+    for dx, du, gradient in ((np.eye(4), [None] * 4, model.l_x[k]), ([None] * 2, np.eye(2), model.l_u[k])):
+        for a, b, expected in zip(dx, du, gradient, strict=True):
+            ends = []
+            for sign in (1, -1):
+                step = [None if d is None else sign * STEP * d for d in (a, b)]
+                ends.append(run.augmented(run.evaluate(moved(run, 1, k, *step))))
+            assert (ends[0] - ends[1]) / (2 * STEP) == pytest.approx(expected, rel=1e-5, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

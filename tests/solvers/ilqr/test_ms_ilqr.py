@@ -247,6 +247,50 @@ def test_rows_that_do_not_hold_have_no_multipliers(name: str, backend: Backend) 
     assert 0 < held < sum(phase.end_h_mask.size for phase in compiled(name).phases)
 
 
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_an_inequality_at_the_end_is_seen_and_met(backend: Backend) -> None:
+    ball = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+        modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81}},
+    )  # fmt: skip
+    problem = compile_problem(
+        ocp.Problem(
+            ocp.Motion(ocp.Phase("rise", "fall", 0.5)), ball.until_end(dt=0.05),
+            ocp.Objective(ocp.regularize("thrust", 1.0)),
+            ocp.Constraints(ocp.inequality(lambda s: s.z, lower=1.5, at="end", name="high", unit="m", scale=0.5)),
+            initial=[1.0, 0.0],
+        )
+    )  # fmt: skip
+    begun = MSiLQR(problem, replace(ACCURATE, max_iterations=1), backend=backend).solve()
+    missed = 1.5 - begun.trajectory.phases[-1].states[-1, 0]
+    assert missed > 0.01
+    assert begun.max_inequality == pytest.approx(missed / 0.5)
+    assert begun.history[-1].max_inequality == pytest.approx(missed / 0.5)
+    done = MSiLQR(problem, ACCURATE, backend=backend).solve()
+    assert done.converged
+    assert done.trajectory.phases[-1].states[-1, 0] == pytest.approx(1.5, abs=1e-3)
+    assert done.cost == pytest.approx(referee(problem).cost, rel=1e-4)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_defects_are_closed_where_they_cost_next_to_nothing(backend: Backend) -> None:
+    """A free fall whose guess floats: no cost decreases by much, and yet the states are to be those of the fall."""
+    ball = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+        modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81}},
+    )  # fmt: skip
+    fall = ocp.Problem(
+        ocp.Motion(ocp.Phase("fall", "fall", 0.5, {"z": 1.0})), ball.until_end(dt=0.05),
+        ocp.Objective(ocp.regularize("thrust", 1e-7)), initial=[1.0, 0.0],
+    )  # fmt: skip
+    solution = MSiLQR(fall, backend=backend).solve()
+    z, v = 1.0, 0.0
+    for _ in range(10):
+        z, v = z + 0.05 * v, v - 0.05 * 9.81
+    assert solution.converged
+    np.testing.assert_allclose(solution.trajectory.phases[0].states[-1], [z, v], atol=1e-4)
+
+
 # ---- single shooting and everything between
 
 
