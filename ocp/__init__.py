@@ -1,4 +1,4 @@
-"""The language: models, phases, motions, terms, schedules and problems, and the compiler that lowers them."""
+"""Optimal-control problems: models, phases, motions, terms, schedules, and the compiler to CasADi functions."""
 
 from piaffe.errors import renamed as _renamed
 

@@ -1,4 +1,4 @@
-"""Carrying reference samples and states from one planar frame (x, y, yaw) to another."""
+"""Planar frames (x, y, yaw), and samples moved from one to another."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ ORIGIN: PlanarFrame = (0.0, 0.0, 0.0)
 
 
 def relative(to: PlanarFrame, of: PlanarFrame) -> PlanarFrame:
-    """Return the motion of the plane that carries frame ``of`` onto frame ``to``."""
+    """Return the planar motion that maps frame ``of`` onto frame ``to``, (x, y, yaw) [m, m, rad]."""
     yaw = to[2] - of[2]
     c, s = np.cos(yaw), np.sin(yaw)
     return (to[0] - (c * of[0] - s * of[1]), to[1] - (s * of[0] + c * of[1]), yaw)
 
 
-def carry_value(quantity: Quantity, value: Array, frame: PlanarFrame) -> Array:
-    """Return a quantity's value (..., n) carried along by a motion of the plane."""
+def transform_value(quantity: Quantity, value: Array, frame: PlanarFrame) -> Array:
+    """Return a quantity's value (..., n) transformed by a planar motion."""
     if frame == ORIGIN or quantity.kind == "vector":
         return value
     x, y, yaw = frame
@@ -40,6 +40,6 @@ def carry_value(quantity: Quantity, value: Array, frame: PlanarFrame) -> Array:
     return points.reshape(value.shape)
 
 
-def carry(sample: Sample, frame: PlanarFrame) -> dict[Quantity, Array]:
-    """Return a sample carried along by a motion of the plane."""
-    return {quantity: carry_value(quantity, value, frame) for quantity, value in sample.items()}
+def transform(sample: Sample, frame: PlanarFrame) -> dict[Quantity, Array]:
+    """Return a sample transformed by a planar motion."""
+    return {quantity: transform_value(quantity, value, frame) for quantity, value in sample.items()}

@@ -12,16 +12,16 @@ from .user_input import numbers_of
 
 
 def initial_state(model: ModelBase, initial: ArrayLike, where: str) -> NDArray[np.float64]:
-    """Return an initial state of a model, (nx,), its quaternions of unit length.
+    """Return an initial state of a model, (nx,), with its quaternions scaled to unit length.
 
     Args:
         model: the first model of the horizon.
-        initial: what is given.
+        initial: the initial state, (nx,).
         where: the declaration or the call, for messages.
 
     Raises:
-        ShapeError: it has another size.
-        ProblemError: it is no number, it is not finite, or a quaternion is zero.
+        ShapeError: the initial state has another size.
+        ProblemError: it is not an array of numbers, it is not finite, or a quaternion is zero.
     """
     state = model.state
     x = numbers_of(initial, where, "initial state")
@@ -41,7 +41,7 @@ def initial_state(model: ModelBase, initial: ArrayLike, where: str) -> NDArray[n
     for quantity, part in state.slices.items():
         if quantity.kind == "rotation" and not np.any(x[part]):
             raise ProblemError(
-                f"{where}: initial state has no '{quantity}' - got a quaternion of zeros, expected one of unit length, "
-                "(1, 0, 0, 0) for none; build it with the model's state()"
+                f"{where}: initial state has an invalid '{quantity}' - got a quaternion of zeros, expected one of unit "
+                "length, (1, 0, 0, 0) for no rotation; build it with the model's state()"
             )
     return state.np_normalise(x)

@@ -23,9 +23,10 @@ class Block:
     """One named part of a state or control.
 
     Args:
-        quantity: what it is.
+        quantity: the quantity that the part stores.
         labels: one name per tangent component.
-        rate_of: for a velocity, the quantity whose rate it is; keyframe velocities are derived through it.
+        rate_of: for a velocity, the quantity of which it is the rate. A velocity without keyframes gets the derivative
+            of that quantity's targets as its target.
     """
 
     quantity: Quantity
@@ -61,13 +62,13 @@ class Manifold:
 
     @cached_property
     def slices(self) -> Mapping[Quantity, slice]:
-        """Where each quantity's stored components lie."""
+        """The slice of each quantity's stored components."""
         ends = np.cumsum([0] + [block.nx for block in self.blocks])
         return {b.quantity: slice(int(ends[i]), int(ends[i + 1])) for i, b in enumerate(self.blocks)}
 
     @cached_property
     def tangent_slices(self) -> Mapping[Quantity, slice]:
-        """Where each quantity's tangent components lie."""
+        """The slice of each quantity's tangent components."""
         ends = np.cumsum([0] + [block.ndx for block in self.blocks])
         return {b.quantity: slice(int(ends[i]), int(ends[i + 1])) for i, b in enumerate(self.blocks)}
 
@@ -112,9 +113,9 @@ class Manifold:
         """Return x ⊕ δ, (nx, 1)."""
         parts = []
         for block in self.blocks:
-            here, there = x[self.slices[block.quantity]], dx[self.tangent_slices[block.quantity]]
+            value, step = x[self.slices[block.quantity]], dx[self.tangent_slices[block.quantity]]
             rotates = block.quantity.kind == "rotation"
-            parts.append(rotation.multiply(here, rotation.exp(there)) if rotates else here + there)
+            parts.append(rotation.multiply(value, rotation.exp(step)) if rotates else value + step)
         return cs.vertcat(*parts)
 
     def minus(self, x1: cs.SX, x0: cs.SX) -> cs.SX:
@@ -127,28 +128,28 @@ class Manifold:
         return cs.vertcat(*parts)
 
     def nudge(self, x: cs.SX, dx: cs.SX) -> cs.SX:
-        """Return x + ∂(x ⊕ δ)/∂δ|₀ δ: equal to ⊕ to first order, without Exp; what derivatives are taken through."""
+        """Return x + ∂(x ⊕ δ)/∂δ|₀ δ: equal to x ⊕ δ to first order, without Exp; the compiler differentiates it."""
         parts = []
         for block in self.blocks:
-            here, there = x[self.slices[block.quantity]], dx[self.tangent_slices[block.quantity]]
+            value, step = x[self.slices[block.quantity]], dx[self.tangent_slices[block.quantity]]
             if block.quantity.kind == "rotation":
-                parts.append(here + 0.5 * rotation.multiply(here, cs.vertcat(0, there)))
+                parts.append(value + 0.5 * rotation.multiply(value, cs.vertcat(0, step)))
             else:
-                parts.append(here + there)
+                parts.append(value + step)
         return cs.vertcat(*parts)
 
     # ---- NumPy, over any leading axes
 
     def np_plus(self, x: Array, dx: Array) -> Array:
-        """Return x ⊕ δ, (..., nx); rotations come back normalised."""
+        """Return x ⊕ δ, (..., nx); rotations are normalised."""
         parts = []
         for block in self.blocks:
-            here, there = x[..., self.slices[block.quantity]], dx[..., self.tangent_slices[block.quantity]]
+            value, step = x[..., self.slices[block.quantity]], dx[..., self.tangent_slices[block.quantity]]
             if block.quantity.kind == "rotation":
-                moved = rotation.np_multiply(here, rotation.np_exp(there))
-                parts.append(moved / np.linalg.norm(moved, axis=-1, keepdims=True))
+                rotated = rotation.np_multiply(value, rotation.np_exp(step))
+                parts.append(rotated / np.linalg.norm(rotated, axis=-1, keepdims=True))
             else:
-                parts.append(here + there)
+                parts.append(value + step)
         return np.concatenate(parts, axis=-1)
 
     def np_minus(self, x1: Array, x0: Array) -> Array:

@@ -1,7 +1,8 @@
-"""What the compiler asks of a model: its spaces, its numbers, its dynamics per mode, its reset and its quantities.
+"""Models, as the compiler uses them: spaces, slots for numbers, dynamics per mode, reset and quantities.
 
 A model's dynamics is ``x⁺ = integrate(x, u, z, p)`` where z solves the implicit part ``r(x, u, z, p) = 0``, affine in
-z; explicit models have an empty z. ``p`` is a mapping from slot names to CasADi symbols: everything numeric is in it.
+z; explicit models have an empty z. ``p`` is a mapping from slot names to CasADi symbols. It contains all numbers of the
+model.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Slot:
     Args:
         name: name within the model, e.g. ``"contact"``.
         size: number of entries.
-        default: its value unless ``node_parameters`` or the user's problem says otherwise, (size,).
+        default: its value if neither ``node_parameters`` nor a parameter of the problem replaces it, (size,).
     """
 
     name: str
@@ -42,15 +43,15 @@ class Slot:
 
 @dataclass(frozen=True)
 class Node:
-    """The instant for which a model is asked its numbers.
+    """One node of the horizon, for which a model returns the values of its slots.
 
     Args:
         time: time since the motion's start [s].
-        mode: the phase's mode as the model resolved it; on a boundary the later one, unless the node ends the phase.
-        next_mode: at the end of a motion phase the mode that follows, else None.
-        sample: the reference at this time.
-        previous_mode: the mode of the motion phase before, None in the first.
-        steps: stages since the motion phase began.
+        mode: the phase's mode, as ``resolve`` returns it; on a boundary the later one, unless the node ends the phase.
+        next_mode: at the end of a motion phase, the mode of the next phase; else None.
+        sample: the targets at this time.
+        previous_mode: the mode of the previous motion phase; None in the first.
+        steps: number of stages since the start of the motion phase.
     """
 
     time: float
@@ -96,12 +97,12 @@ class Quantities:
         return self._made[path]
 
     def extended(self, *bounds: Bound) -> Quantities:
-        """Return these quantities and others; one of a path that exists takes its place."""
+        """Return these quantities and others; a new quantity replaces the one with the same path."""
         more = {bound.quantity.path: partial(_same, bound) for bound in bounds}
         return Quantities(self.where, {**self._makers, **more}, self._absent)
 
     def unknown(self, path: str) -> UnknownNameError:
-        """Return the error that says that a path cannot be bound, and why if the model knows."""
+        """Return the error for a path that cannot be bound, with the reason if the model gives one."""
         error = UnknownNameError(f"model '{self.where}'", "quantity", path, self._makers)
         if path in self._absent:
             error.hint = f" ({self._absent[path]})"
@@ -119,8 +120,8 @@ class Dynamics:
     Args:
         implicit: r(x, u, z, p), (nz, 1), affine in z.
         next_state: the discrete step given z, (nx, 1); (0, 1) of a model without derivatives.
-        quantities: what terms may speak about.
-        outputs: quantities worth recording in a trajectory beside state and control (contact forces).
+        quantities: the quantities that terms may use.
+        outputs: quantities that a trajectory records in addition to state and control (contact forces).
     """
 
     implicit: cs.SX
@@ -131,7 +132,7 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Reset:
-    """What the model itself does to the state at the end of a phase, as expressions of (x, z, p): an impact."""
+    """The model's own reset of the state at the end of a phase, as expressions of (x, z, p): an impact."""
 
     implicit: cs.SX
     next_state: cs.SX
@@ -147,7 +148,7 @@ class ProblemWarning:
 
 @dataclass(frozen=True, eq=False)
 class ModelBase(ABC):
-    """Base of every model. Models compare by identity: two models are the same if they are one object."""
+    """Base class of models. Models compare by identity: two models are equal only if they are the same object."""
 
     name: str
     state: Manifold
@@ -155,37 +156,37 @@ class ModelBase(ABC):
     slots: tuple[Slot, ...] = field(default=(), kw_only=True)
     cut_by_modes: bool = field(default=True, kw_only=True)
 
-    # ---- what a model must say
+    # ---- what every model defines
 
     @abstractmethod
     def mode_key(self, mode: Hashable) -> str:
-        """Return which of the model's dynamics a phase's mode uses; modes that differ in numbers alone share a key."""
+        """Return the key of the dynamics that a phase's mode uses; modes that differ only in numbers share a key."""
 
     @abstractmethod
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the dynamics of a mode; ``p`` holds the model's slots and ``"dt"`` [s]."""
 
-    # ---- what it may say
+    # ---- what a model may override
 
     @property
     def has_derivatives(self) -> bool:
-        """Whether its dynamics is an expression to be differentiated, rather than a simulator to be called."""
+        """Whether its dynamics is a differentiable expression; False if it is a simulator."""
         return True
 
     def implicit_size(self, key: str) -> int:
-        """Return nz of a mode."""
+        """Return the size nz of z in a mode."""
         return 0
 
     def definite_size(self, key: str) -> int:
         """Return how many leading unknowns of z form a positive definite block of K, in a mode and in its reset.
 
-        A compiled solver eliminates these first, in any order; the others in the order in which they stand. Without
-        pivoting, so that K must be regular in that order.
+        A compiled solver eliminates these first, in any order, and then the others in the order of z. It does not
+        pivot, so K must be regular in that order.
         """
         return 0
 
     def resolve(self, mode: Hashable) -> Hashable:
-        """Return a phase's mode in the model's own terms, comparable between phases; raise if it makes no sense."""
+        """Return a phase's mode in the model's own form, comparable between phases; raise if the mode is invalid."""
         self.mode_key(mode)
         return mode
 
@@ -202,15 +203,15 @@ class ModelBase(ABC):
         return Reset(cs.SX(0, 1), x)
 
     def lands(self, node: Node) -> bool:
-        """Return whether the model's own reset does anything at this phase end."""
+        """Return whether the model's own reset changes the state at this phase end."""
         return False
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound | None:
-        """Return rows that vanish at a phase's end because of what follows (a touchdown), or None."""
+        """Return rows that must be zero at a phase's end because of the next phase (a touchdown), or None."""
         return None
 
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
-        """Translate a keyframe's entries to quantities; a rotation as roll-pitch-yaw, (3,), with its winding."""
+        """Translate a keyframe's entries to quantities; a rotation as roll, pitch, yaw, (3,) [rad], full turns kept."""
         targets: dict[Quantity, Array] = {}
         known = {b.quantity.path: b for b in (*self.state.blocks, *self.control.blocks)}
         for path, value in values.items():
@@ -229,27 +230,27 @@ class ModelBase(ABC):
         return targets
 
     def planar_frame(self, sample: Sample) -> tuple[float, float, float]:
-        """Return (x, y, yaw) of the frame that a motion is carried along with; the origin for models without one."""
+        """Return (x, y, yaw) of the frame in which the next piece of a motion is placed; by default the origin."""
         return (0.0, 0.0, 0.0)
 
     def warnings(self, path: object) -> list[ProblemWarning]:
-        """Return warnings about a motion's targets, given the ``ocp.path.Path`` that they follow."""
+        """Return warnings about the targets of a motion, an ``ocp.Path``."""
         return []
 
     def recipe(self) -> dict[str, object]:
-        """Return what a file must hold to rebuild what plots and films need of the model, as JSON-able values."""
+        """Return the values, for JSON, from which plots and films of a saved solution rebuild the model."""
         return {}
 
     @property
     def own_step(self) -> float | None:
-        """The one time step that the model can make [s]; None for any."""
+        """The only time step that the model supports [s]; None if it supports any."""
         return None
 
     def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
-        """Return the control to begin with where the path has a sample but names no control; zero by default."""
+        """Return the initial guess of the control at a sample of the path that has no control; by default zero."""
         return {}
 
-    # ---- what a user says with it
+    # ---- schedules
 
     def over(self, duration: float, dt: float) -> Schedule:
         """Return a schedule of this model over a duration [s] with time step dt [s]."""
@@ -264,11 +265,11 @@ def model_of(segment: Segment) -> ModelBase:
     """Return the model of a segment.
 
     Raises:
-        ProblemError: what the schedule holds is no model.
+        ProblemError: it is not an ``ocp.ModelBase``.
     """
     if not isinstance(segment.model, ModelBase):
         raise ProblemError(
-            f"schedule ({segment.source}): holds no model - got {type(segment.model).__name__}, expected an "
+            f"schedule ({segment.source}): contains no model - got {type(segment.model).__name__}, expected an "
             "ocp.ModelBase; write model.over(duration, dt)"
         )
     return segment.model

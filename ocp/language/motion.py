@@ -26,8 +26,8 @@ class Motion:
 
     Args:
         *phases: the phases in order.
-        cyclic: whether they repeat for ever (choose a number with ``cycles``).
-        reference: where the targets come from; by default the phases' keyframes.
+        cyclic: whether they repeat without end (choose a number with ``cycles``).
+        reference: the source of the targets; by default the phases' keyframes.
         once: phases to run once before a cyclic motion's first cycle.
     """
 
@@ -57,7 +57,7 @@ class Motion:
         object.__setattr__(self, "pieces", (piece,))
 
     def _check_reference(self, reference: object, phases: tuple[Phase, ...]) -> None:
-        """Raise if a reference is none, or keyframes stand beside one that would not read them."""
+        """Raise if the reference is not an ``ocp.Reference``, or if phases have keyframes that it does not read."""
         if not isinstance(reference, Reference):
             raise ProblemError(
                 f"motion ({self.source}): reference is unusable - got {brief(reference)}, expected one like "
@@ -66,8 +66,8 @@ class Motion:
         for phase in phases:
             if phase.target is not None and not isinstance(reference, Keyframes):
                 raise ProblemError(
-                    f"phase '{phase.name}' ({phase.source}): its keyframe applies nowhere - got a motion that follows "
-                    f"{type(reference).__name__}, expected targets from one of them; remove the keyframe or the "
+                    f"phase '{phase.name}' ({phase.source}): its keyframe applies nowhere - got a motion whose targets "
+                    f"come from {type(reference).__name__}, expected one source of targets; remove the keyframe or the "
                     "reference"
                 )
 
@@ -80,21 +80,21 @@ class Motion:
 
     @classmethod
     def from_trajectory(cls, trajectory: Trajectory, modes: dict[str, Hashable] | None = None) -> Motion:
-        """Return the motion that a trajectory performed: its phases, modes and, as targets, its states and controls.
+        """Return the motion of a trajectory: its phases, its modes and, as targets, its states and controls.
 
         Args:
             trajectory: e.g. ``solution.trajectory``.
-            modes: mode to use instead of the text stored for a phase's name, for models whose modes are not text.
+            modes: phase name → mode that replaces the stored text, for models whose modes are not text.
         """
-        given = modes or {}
+        replaced = modes or {}
         for part in trajectory.phases:
-            if part.mode == SCHEDULED and part.name not in given:
+            if part.mode == SCHEDULED and part.name not in replaced:
                 raise ProblemError(
-                    f"motion ({caller()}): phase '{part.name}' of the trajectory spans several modes - got a stretch "
-                    f"of model '{part.model}', which no change of modes cuts, expected phases of one mode each; take "
-                    "the phases before it alone, or name its mode in modes="
+                    f"motion ({caller()}): phase '{part.name}' of the trajectory spans several modes - got a phase of "
+                    f"model '{part.model}', which has one phase for all modes, expected phases of one mode each; use "
+                    "only the phases before it, or give its mode in modes="
                 )
-        phases = tuple(Phase(part.name, given.get(part.name, part.mode), part.duration) for part in trajectory.phases)
+        phases = [Phase(part.name, replaced.get(part.name, part.mode), part.duration) for part in trajectory.phases]
         return cls(*phases, reference=FromTrajectory(trajectory))
 
     @classmethod
@@ -106,7 +106,7 @@ class Motion:
         if not isinstance(other, Motion):
             raise ProblemError(
                 f"motion ({caller()}): can be followed by a motion only - got {type(other).__name__}, expected an "
-                "ocp.Motion; make one of it"
+                "ocp.Motion; write ocp.Motion(phase, ...)"
             )
         if self.pieces[-1].is_endless:
             raise ProblemError(
@@ -116,7 +116,7 @@ class Motion:
         return Motion._of(self.pieces + other.pieces, self.source)
 
     def cycles(self, n: int) -> Motion:
-        """Return the motion with its cycle run n times (a motion that is not cyclic is repeated whole)."""
+        """Return the motion with n repetitions of its cycle; a motion that is not cyclic is repeated as a whole."""
         if not isinstance(n, int | np.integer) or n < 1:
             raise ProblemError(
                 f"motion ({self.source}): cycles is out of range - got {n!r}, expected a whole number, at least 1; "
@@ -133,7 +133,7 @@ class Motion:
         return sum(piece.duration for piece in self.pieces)
 
     def intervals(self) -> Iterator[PlacedPhase]:
-        """Yield the phases on the time axis, for ever if the motion is endless."""
+        """Yield the phases on the time axis, without end if the motion is endless."""
         return placed_phases(self.pieces)
 
     def bind(self, models: tuple[ModelBase, ...], start: Sample) -> Path:

@@ -1,4 +1,4 @@
-"""Model: dynamics written by hand - named states and controls, and one function per mode."""
+"""Model: a user's own dynamics - named states and controls, and one function per mode."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _blocks(entries: Mapping[str, int | str]) -> Manifold:
 
 
 class Model(ModelBase):
-    """A model whose dynamics the user writes down.
+    """A model with the user's own dynamics.
 
     Args:
         name: its name.
@@ -39,7 +39,7 @@ class Model(ModelBase):
         control: names and sizes; may be empty.
         modes: mode name → function of the node's quantities returning each state's time derivative (for a rotation
             the body angular velocity) or, with ``integrator="discrete"``, its next value.
-        quantities: further named expressions of the node's quantities that terms may use.
+        quantities: name → function of the node's quantities; terms may use them like states and controls.
         integrator: ``"euler"`` (explicit, on the manifold), ``"rk4"``, or ``"discrete"``.
     """
 
@@ -126,7 +126,7 @@ class Model(ModelBase):
             size = block.nx if self.integrator == "discrete" else block.ndx
             if value.numel() != size:
                 raise ShapeError(
-                    f"{where}: '{path}' has the wrong size - got {value.numel()}, expected {size}; return as many"
+                    f"{where}: '{path}' has the wrong size - got {value.numel()}, expected {size}; return {size}"
                 )
             parts.append(value)
         return cs.vertcat(*parts)

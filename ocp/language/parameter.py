@@ -1,4 +1,4 @@
-"""Parameters: a user's numbers that may change without anything being rebuilt."""
+"""Parameters: numbers of the user that can change without a new compilation."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Parameter(cs.SX):
             )
         if "." in name:
             raise ProblemError(
-                f"parameter '{name}': name is unusable - got one with a dot, expected none: a dot parts the name of a "
-                "model or a term from that of its parameter; rename it"
+                f"parameter '{name}': name is unusable - got one with a dot, expected one without: a dot separates the "
+                "name of a model or a term from the name of its parameter; rename it"
             )
         self.label = name
         super().__init__(cs.SX.sym(name, self.value.size))
@@ -38,12 +38,12 @@ class Parameter(cs.SX):
         return f"parameter({self.label!r}, {self.value.tolist()})"
 
 
-# CasADi hands symbols back as bare expressions; this finds the parameter that a symbol belongs to.
+# CasADi returns the symbols of an expression as plain expressions; this dictionary has the parameter of each.
 _BY_SYMBOL: WeakValueDictionary[int, Parameter] = WeakValueDictionary()
 
 
 def parameter(name: str, value: ArrayLike) -> Parameter:
-    """Return a number of the user's that may change between solves without rebuilding anything.
+    """Return a number that can change between solves without a new compilation.
 
     Args:
         name: its name, unique within a problem, without a dot.

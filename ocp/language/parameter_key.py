@@ -12,7 +12,7 @@ ParameterKind = Literal[
 
 @dataclass(frozen=True)
 class ParameterKey:
-    """What a part of a node's parameter vector ``p`` holds.
+    """The key of a part of a node's parameter vector ``p``.
 
     =====================================================  ===========================================================
     key                                                    part
@@ -22,16 +22,16 @@ class ParameterKey:
     ``ParameterKey("parameter", "mu")``                    an ``ocp.parameter``
     ``ParameterKey("parameter", "mu", term=3)``            a parameter of the term itself
     ``ParameterKey("weight", term=3)``                     a cost's weights, ``"target"`` its target
-    ``ParameterKey("lower", term=3)``                      a constraint's bounds, ``"upper"`` those of the other side
+    ``ParameterKey("lower", term=3)``                      a constraint's lower bounds, ``"upper"`` its upper bounds
     ``ParameterKey("has_lower", term=3)``                  1 per row that has this bound, 0 if it is infinite
     ``ParameterKey("active", term=3)``                     1 where a constraint applies, 0 elsewhere
     =====================================================  ===========================================================
 
     Args:
-        kind: what it is.
+        kind: kind of the number.
         name: name of the slot or of the parameter; empty for the other kinds.
         model: name of the model that has the slot; empty for the other kinds.
-        term: index into the problem's terms; None for what belongs to no term.
+        term: index into the problem's terms; None if the number belongs to no term.
     """
 
     kind: ParameterKind
@@ -41,12 +41,12 @@ class ParameterKey:
 
     @property
     def is_bound(self) -> bool:
-        """Whether it is a constraint's bound, which may be infinite."""
+        """Whether the part is a constraint's bound, which may be infinite."""
         return self.kind in _HAS
 
     @property
     def has_bound(self) -> ParameterKey:
-        """The key of the flags that say which entries of this bound are finite."""
+        """The key of the flags that are 1 for the finite entries of this bound."""
         return ParameterKey(_HAS[self.kind], term=self.term)
 
 

@@ -1,4 +1,4 @@
-"""Names of parameters: what of a declaration may be changed, under which name, and what values it may have.
+"""Names of parameters: the numbers of a declaration that can change, their names and their valid values.
 
 =====================  ==========================================================================
 name                   parameter
@@ -11,7 +11,7 @@ name                   parameter
 ``"TERM.lower"``       a constraint's bounds, if it has that side; ``"TERM.upper"`` likewise
 =====================  ==========================================================================
 
-Terms that share a name are told apart by their order, ``"TERM[0].weight"``.
+Terms that share a name get an index in their order: ``"TERM[0].weight"``.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Names = Mapping[str, ParameterKey]
 
 
 def parameter_names(terms: Sequence[Cost | Constraint], models: Iterable[ModelBase]) -> dict[str, ParameterKey]:
-    """Return the parameters of terms and models by name; an ``ocp.parameter`` is known only to the functions it is in.
+    """Return the parameters of terms and models by name, without ``ocp.parameter``: only functions contain these.
 
     Raises:
         ProblemError: two parameters share a name.
@@ -74,10 +74,10 @@ def _of_terms(terms: Sequence[Cost | Constraint]) -> Iterator[tuple[str, Paramet
 
 
 def merged(values: Mapping[str, ArrayLike] | None, named: Mapping[str, ArrayLike], where: str) -> dict[str, ArrayLike]:
-    """Return parameters given in a mapping and as keywords as one mapping.
+    """Return the parameters of a mapping and of keywords as one mapping.
 
     Raises:
-        ProblemError: what is given first is no mapping, or a name is given twice.
+        ProblemError: ``values`` is not a mapping, or a name is given twice.
     """
     if not isinstance(values, Mapping | None):
         raise ProblemError(
@@ -87,14 +87,14 @@ def merged(values: Mapping[str, ArrayLike] | None, named: Mapping[str, ArrayLike
     twice = sorted({*(values or {})} & {*named})
     if twice:
         raise ProblemError(
-            f"{where}: a parameter is given twice - got {twice} in the mapping and as keywords, expected each once; "
-            "remove one"
+            f"{where}: a parameter is given twice - got {twice} in the mapping and as keywords, expected each name "
+            "once; remove one"
         )
     return {**(values or {}), **named}
 
 
 def find_key(names: Names, name: str, where: str) -> ParameterKey:
-    """Return the key of a parameter of a declaration; a name without a dot is taken for that of an ``ocp.parameter``.
+    """Return the key of a parameter of a declaration; an unknown name without a dot counts as an ``ocp.parameter``.
 
     Raises:
         UnknownNameError: there is no such parameter; the message lists those that exist.
@@ -111,20 +111,20 @@ def check_value(name: str, key: ParameterKey, value: ArrayLike, where: str, size
 
     Args:
         name: the parameter's name, for messages.
-        key: what it is.
-        value: what is given.
+        key: the parameter's key.
+        value: the value to check.
         where: the declaration or the call, for messages.
         size: number of entries; None if it is not known yet.
 
     Raises:
-        ShapeError: it has another size.
-        ProblemError: it is no number, it is not finite (a bound may be infinite), or it is a negative weight.
+        ShapeError: the value has another size.
+        ProblemError: it is not a number, it is not finite (a bound may be infinite), or it is a negative weight.
     """
     array = numbers_of(value, where, f"parameter '{name}'").ravel()
     if size is not None and array.size != size:
         raise ShapeError(
-            f"{where}, parameter '{name}': wrong size - got {array.size} entries, expected {size}; give as many as it "
-            "has now"
+            f"{where}, parameter '{name}': wrong size - got {array.size} entries, expected {size}; give as many as the "
+            "present value has"
         )
     bad = np.isnan(array) if key.is_bound else ~np.isfinite(array)
     if np.any(bad):

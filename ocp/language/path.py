@@ -1,4 +1,4 @@
-"""The path: a motion placed in the world, as targets over time."""
+"""The path: the targets of a motion over time, placed in the world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .time import SAME_TIME
 
 @dataclass(frozen=True)
 class PlacedPiece:
-    """A piece's start [s] and its reference, placed."""
+    """The start of a piece [s] and its reference, placed in the world."""
 
     start: float
     reference: BoundReference
@@ -24,8 +24,8 @@ class Path:
     """Targets over time.
 
     Args:
-        pieces: of the motion, in order.
-        placed: the same pieces' starts and references.
+        pieces: the pieces of the motion, in order.
+        placed: start and reference of each piece.
     """
 
     pieces: tuple[Piece, ...]
@@ -37,29 +37,29 @@ class Path:
         return sum(piece.duration for piece in self.pieces)
 
     def sample(self, t: float, interval: PlacedPhase) -> Sample:
-        """Return the targets at time t [s] as seen from within a phase (which decides the side of a jump)."""
+        """Return the targets at time t [s] in a phase; where targets jump, the phase selects the side of the jump."""
         piece = self.placed[interval.piece]
         return piece.reference.sample(t - piece.start, interval.index)
 
     def intervals(self, until: float) -> list[PlacedPhase]:
         """Return the phases that begin before a time [s]."""
-        return self._walk.before(until)
+        return self._phases.before(until)
 
     def interval_at(self, t: float) -> PlacedPhase:
         """Return the phase at time t; the later one on a boundary, the last one beyond the end."""
-        return self._walk.at(t)
+        return self._phases.at(t)
 
     def interval_before(self, t: float) -> PlacedPhase:
         """Return the phase that ends at or contains time t; the earlier one on a boundary."""
-        return self._walk.before(t)[-1]
+        return self._phases.before(t)[-1]
 
     @cached_property
-    def _walk(self) -> _Walk:
-        return _Walk(self.pieces)
+    def _phases(self) -> _PhasesByTime:
+        return _PhasesByTime(self.pieces)
 
 
-class _Walk:
-    """The phases of a motion as far as they were asked for; finding one takes no longer the later it is."""
+class _PhasesByTime:
+    """The phases of a motion up to the latest time that was requested; bisection finds the phase at a time."""
 
     def __init__(self, pieces: tuple[Piece, ...]) -> None:
         self._rest = placed_phases(pieces)
@@ -67,14 +67,14 @@ class _Walk:
         self._starts = [self._found[0].start]
 
     def at(self, t: float) -> PlacedPhase:
-        self._reach(t)
+        self._extend(t)
         return self._found[max(bisect_right(self._starts, t, key=lambda start: start - SAME_TIME), 1) - 1]
 
     def before(self, t: float) -> list[PlacedPhase]:
-        self._reach(t)
+        self._extend(t)
         return self._found[: bisect_left(self._starts, t - SAME_TIME)]
 
-    def _reach(self, t: float) -> None:
+    def _extend(self, t: float) -> None:
         while self._starts[-1] - SAME_TIME <= t and (interval := next(self._rest, None)):
             self._found.append(interval)
             self._starts.append(interval.start)

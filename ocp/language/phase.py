@@ -1,4 +1,4 @@
-"""Phases: stretches of a motion with one mode of the dynamics."""
+"""Phases: parts of a motion with one mode of the dynamics."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .termset import Constraints, Objective
 
 @dataclass(frozen=True)
 class Free:
-    """A duration that an optimiser may choose: guess, lower and upper bound [s]. Parsed, not yet optimised."""
+    """A duration for an optimiser to choose: guess, lower and upper bound [s]. Phases do not accept it yet."""
 
     guess: float
     lower: float
@@ -35,8 +35,8 @@ class Free:
 class Keyframe:
     """Targets at the end of a phase; the path between keyframes is interpolated.
 
-    What the names mean is the model's business: robots take ``position``, ``rpy``, ``joints``, ``linear_velocity``,
-    ``angular_velocity``, ``joint_velocities``; every model takes the names of its own state and control.
+    The model defines the names. Models of robots accept ``position``, ``rpy``, ``joints``, ``linear_velocity``,
+    ``angular_velocity`` and ``joint_velocities``. Every model accepts the names of its own states and controls.
     """
 
     values: Mapping[str, Any]
@@ -47,30 +47,30 @@ class Keyframe:
 
 @dataclass(frozen=True)
 class ResetMap:
-    """A user's reset at the end of a phase; entries left out keep their value."""
+    """A user's reset at the end of a phase; states that the function does not return keep their values."""
 
     function: Callable[..., Mapping[str, Any]]
     source: Source
 
 
 def reset(function: Callable[..., Mapping[str, Any]]) -> ResetMap:
-    """Turn a function of a node's quantities that returns new state entries into a reset map."""
+    """Return the reset map of a function of a node's quantities that returns new values of states by name."""
     return ResetMap(function, caller())
 
 
 @dataclass(frozen=True, init=False, eq=False)
 class Phase:
-    """A stretch of a motion with one mode.
+    """A part of a motion with one mode.
 
     Args:
         name: its name; terms and weights refer to it.
-        mode: the mode, in the model's terms: ``stance("FL HR")`` for a robot, a mode's name otherwise.
+        mode: the mode, in the form of the model: ``stance("FL HR")`` for a robot, the name of a mode otherwise.
         duration: length [s], or :class:`Free`.
         target: keyframe at its end, or a mapping of targets.
         until: equality that holds at its end (a switching constraint).
-        reset: what happens to the state at its end, beyond what the model derives.
-        constraints: constraints of this phase alone.
-        objective: costs of this phase alone, added to the problem's.
+        reset: reset of the state at its end, applied after the model's own.
+        constraints: constraints of this phase only.
+        objective: costs of this phase only, added to the problem's.
     """
 
     name: str
@@ -131,7 +131,7 @@ class Phase:
 
 
 def _switching(until: Constraint | Constraints | None, where: str) -> tuple[Constraint, ...]:
-    """Return the switching constraints that a phase was given; raise if they are none."""
+    """Return the switching constraints of a phase; raise if one of them is not an equality."""
     given = () if until is None else tuple(until) if isinstance(until, Constraints) else (until,)
     for row in given:
         if not isinstance(row, Constraint) or row.kind != "equality":

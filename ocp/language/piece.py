@@ -1,4 +1,4 @@
-"""Pieces of a motion: phases that share a reference, and what a reference has to do."""
+"""Pieces of a motion: phases that share a reference, and the base classes of references."""
 
 from __future__ import annotations
 
@@ -17,11 +17,16 @@ class BoundReference(ABC):
 
     @abstractmethod
     def sample(self, t: float, phase: int) -> Sample:
-        """Return the targets at local time t [s]; ``phase``, running index in the piece, decides the side of a jump."""
+        """Return the targets at a time.
+
+        Args:
+            t: time since the piece's start [s].
+            phase: index of the phase in the piece, cycles counted; where targets jump, it selects the side of the jump.
+        """
 
 
 class Reference(ABC):
-    """A source of targets, before it is known for which robot and where."""
+    """A source of targets that is not yet placed in the world for a model."""
 
     @abstractmethod
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
@@ -29,9 +34,9 @@ class Reference(ABC):
 
         Args:
             model: the first model of the schedule.
-            piece: the piece of motion it belongs to; its phases and their times.
+            piece: the piece of motion that has this reference.
             start: targets at the piece's start, in the world.
-            frame: planar frame (x, y, yaw) [m, m, rad] that the piece is carried to; the origin for the first piece.
+            frame: planar frame (x, y, yaw) [m, m, rad] in which the piece is placed; the origin for the first piece.
         """
 
 
@@ -42,8 +47,8 @@ class Piece:
     Args:
         once: phases that run once, before the cycle (all of them if there is none).
         cycle: phases that repeat.
-        repeats: how often; None for ever.
-        reference: where the targets come from.
+        repeats: number of repetitions; None for no end.
+        reference: source of the targets.
     """
 
     once: tuple[Phase, ...]
@@ -53,7 +58,7 @@ class Piece:
 
     @property
     def is_endless(self) -> bool:
-        """Whether the cycle repeats for ever."""
+        """Whether the cycle repeats without end."""
         return bool(self.cycle) and self.repeats is None
 
     @property
@@ -62,7 +67,7 @@ class Piece:
         return self.once + self.cycle * (1 if self.repeats is None else self.repeats)
 
     def unrolled(self) -> Iterator[Phase]:
-        """Yield the phases, for ever if the piece is endless."""
+        """Yield the phases, without end if the piece is endless."""
         yield from self.once
         for _ in count() if self.repeats is None and self.cycle else range(self.repeats or 0):
             yield from self.cycle
@@ -75,7 +80,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class PlacedPhase:
-    """A phase on the time axis: of which piece, which one in it, from when to when [s]."""
+    """A phase on the time axis: index of its piece, its index in the piece, its start and end [s]."""
 
     phase: Phase
     piece: int
@@ -85,7 +90,7 @@ class PlacedPhase:
 
 
 def placed_phases(pieces: Iterable[Piece]) -> Iterator[PlacedPhase]:
-    """Yield the phases of pieces on the time axis, for ever if the last piece is endless."""
+    """Yield the phases of pieces on the time axis, without end if the last piece is endless."""
     t = 0.0
     for number, piece in enumerate(pieces):
         for index, phase in enumerate(piece.unrolled()):

@@ -30,8 +30,8 @@ class Problem:
     Args:
         motion: phases and targets.
         schedule: models and time steps along the horizon.
-        objective: what to achieve.
-        constraints: what to respect.
+        objective: costs to minimise.
+        constraints: conditions that must hold.
         initial: initial state of the first model, (nx,).
         parameters: values that replace declared ones, by the names that :meth:`with_parameters` lists.
     """
@@ -81,11 +81,11 @@ class Problem:
 
     @property
     def where(self) -> str:
-        """Kind and place, for messages."""
+        """The declaration with its file and line, for messages."""
         return f"problem ({self.source})"
 
     def with_parameters(self, values: Mapping[str, ArrayLike] | None = None, /, **named: ArrayLike) -> Problem:
-        """Return the problem with other values of parameters; nothing is rebuilt.
+        """Return the problem with other values of parameters; no function is compiled again.
 
         A parameter has the same name and the same values here and in :meth:`CompiledProblem.with_parameters`; the
         compiled problem lists all of them in ``parameters``.
@@ -101,35 +101,34 @@ class Problem:
         ``"TERM.lower"``       a constraint's bounds, if it has that side; ``"TERM.upper"`` likewise
         =====================  ==========================================================================
 
-        Terms that share a name are told apart by their order, ``"TERM[0].weight"``. Weights by phase count where they
-        are not zero; one value then replaces them all.
+        Terms that share a name get an index in their order: ``"TERM[0].weight"``. If a weight differs by phase, the new
+        value replaces it in every phase where it is not zero.
 
         Args:
-            values: name → value, as many entries as it has now; a bound may be infinite for none.
-            named: the same as keywords, for names that are words.
+            values: name → value, with as many entries as now; an infinite bound is no bound.
+            named: the same as keywords, for names that are Python identifiers.
 
         Raises:
-            UnknownNameError: there is no such parameter; the message lists those that exist. An ``ocp.parameter`` is
-                found only in the functions it is used in, so that an unknown name without a dot is reported when the
-                problem is compiled; the same holds for a wrong size.
+            UnknownNameError: there is no such parameter; the message lists those that exist. Only the compiler finds
+                each ``ocp.parameter``, so the compilation reports an unknown name without a dot, and a wrong size.
             ShapeError: a value has another size.
             ProblemError: a value is not finite, or a weight is negative.
         """
-        given = self._checked_parameters(merged(values, named, self.where), self.schedule)
-        return self._with("parameters", {**self.parameters, **given})
+        checked = self._checked_parameters(merged(values, named, self.where), self.schedule)
+        return self._with("parameters", {**self.parameters, **checked})
 
     def with_initial(self, initial: ArrayLike) -> Problem:
-        """Return the problem from another initial state; the path of targets begins there."""
+        """Return the problem with another initial state, (nx,); the path of targets begins there."""
         return self._with("initial", self._checked_initial(initial, self.schedule))
 
     def with_schedule(self, schedule: Schedule) -> Problem:
-        """Return the problem over another schedule, whose first model must have the same state."""
+        """Return the problem with another schedule; its first model must have the same state."""
         self._checked_initial(self.initial, schedule)
         self._checked_parameters(self.parameters, schedule)
         return self._with("schedule", schedule)
 
     def scoped_terms(self) -> list[tuple[Cost | Constraint, Phase | None]]:
-        """Return every term, in the order that a compiled problem counts, with the phase that declares it, or None."""
+        """Return every term, in the order of a compiled problem, with the phase that declares it, or None."""
         terms: list[tuple[Cost | Constraint, Phase | None]] = [(t, None) for t in (*self.objective, *self.constraints)]
         for phase in dict.fromkeys(phase for piece in self.motion.pieces for phase in piece.phases):
             terms += [(term, phase) for term in (*phase.objective, *phase.constraints, *phase.until)]

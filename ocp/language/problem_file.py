@@ -1,4 +1,4 @@
-"""Reading what commands work on: a problem from a Python file, a solution from a saved one."""
+"""Read a problem from a Python file."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def load_problem(spec: str, *, quiet: bool = False) -> Problem:
     """Return the problem of ``FILE`` or ``FILE:name``: an object of that name, or a function that returns one.
 
     Args:
-        spec: a Python file, and after a colon the name; ``problem`` without it.
-        quiet: let what the file prints go to standard error, so that standard output stays ours.
+        spec: a Python file, and after a colon the name; the default name is ``problem``.
+        quiet: send the output of the file to standard error, so that standard output has only the command's output.
 
     Raises:
-        ProblemError: there is no such file, it does not run, or what it holds under the name is no problem.
+        ProblemError: there is no such file, it does not run, or the object of that name is not a problem.
     """
     with redirect_stdout(sys.stderr) if quiet else nullcontext():
         return _load(*split(spec))
@@ -47,13 +47,13 @@ def _load(path: Path, name: str) -> Problem:
     if not isinstance(found, Problem):
         raise ProblemError(
             f"file '{path}', name '{name}': is not a problem - got {type(found).__name__}, expected an ocp.Problem or "
-            "a function that returns one; name another one as FILE:name"
+            "a function that returns one; choose another name with FILE:name"
         )
     return found
 
 
 def candidates(module: ModuleType) -> list[str]:
-    """Return the names that may be problems: problems first, then what the file itself defines, else all of it."""
+    """Return the names that may be problems: problems, then objects that the file defines; all names if none are."""
     from .problem import Problem
 
     names = {key: value for key, value in vars(module).items() if not key.startswith("_")}
@@ -71,15 +71,16 @@ def split(spec: str) -> tuple[Path, str]:
 
 
 def run(path: Path) -> ModuleType:
-    """Return a Python file as a module; files beside it can be imported, as if it were run."""
+    """Return a Python file as a module; it can import the files in its folder, as a script can."""
     if not path.is_file():
         raise ProblemError(
-            f"file '{path}': not there - got no file, expected a Python file with a problem; check the path"
+            f"file '{path}': does not exist - got no file, expected a Python file with a problem; check the path"
         )
     spec = importlib.util.spec_from_file_location(f"_piaffe_file_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ProblemError(
-            f"file '{path}': not Python - got '{path.suffix}', expected '.py'; pass the file that declares the problem"
+            f"file '{path}': is not Python - got '{path.suffix}', expected '.py'; pass the file that declares the "
+            "problem"
         )
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
@@ -94,20 +95,20 @@ def run(path: Path) -> ModuleType:
         raise does_not_run(path, error) from error
     except SystemExit as error:
         raise ProblemError(
-            f"file '{path}': exits when imported - got sys.exit({error.code!r}), expected a problem; put what should "
-            'only run as a script below if __name__ == "__main__":'
+            f"file '{path}': exits when imported - got sys.exit({error.code!r}), expected a problem; move the code of "
+            'the script below if __name__ == "__main__":'
         ) from error
     return module
 
 
 def does_not_run(path: Path, error: Exception) -> ProblemError:
-    """Return an error that names the last line of the file that was running."""
+    """Return an error that names the line of the file that failed."""
     line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
     for frame in traceback.extract_tb(error.__traceback__):
         if Path(frame.filename).resolve() == path.resolve():
             line = frame.lineno
     where = f"{path}:{line}" if line else str(path)
     return ProblemError(
-        f"{where}: the file does not run - got {type(error).__name__}: {error}, expected a declaration; fix it (with "
-        "--traceback before the command you see the whole way)"
+        f"{where}: the file does not run - got {type(error).__name__}: {error}, expected a declaration; fix it (put "
+        "--traceback before the command to see all calls)"
     )

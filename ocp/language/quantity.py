@@ -1,4 +1,4 @@
-"""Quantities: the named, physical things that terms speak about.
+"""Quantities: the named physical quantities that terms use.
 
 A :class:`Quantity` is only a name with a unit and a geometric kind. Models *bind* the quantities they can supply to
 CasADi expressions of their own state and control (:class:`Bound`).
@@ -19,7 +19,7 @@ Kind = Literal["vector", "point", "direction", "rotation"]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A name for something physical.
+    """The name of a physical quantity.
 
     Args:
         path: dotted name, e.g. ``"base.position"``.
@@ -37,12 +37,12 @@ class Quantity:
         return self.path
 
     def __hash__(self) -> int:
-        return hash(self.path)  # of samples' keys; the path nearly always tells two apart
+        return hash(self.path)  # fast: samples have quantities as keys; two quantities seldom share a path
 
 
 @dataclass(frozen=True)
 class QuantityGroup:
-    """Quantities under one prefix, reached as attributes: ``base.position``."""
+    """Quantities with one prefix, as attributes: ``base.position``."""
 
     name: str
     members: Mapping[str, Quantity]
@@ -57,7 +57,7 @@ class QuantityGroup:
 
 
 def group(name: str, **members: Quantity | tuple[str, Kind] | str) -> QuantityGroup:
-    """Make a group; each member is a unit, or a pair (unit, kind)."""
+    """Return a group; each member is a quantity, a unit, or a pair (unit, kind)."""
     built = {}
     for key, value in members.items():
         if isinstance(value, Quantity):
@@ -73,7 +73,7 @@ class Bound:
     """A quantity bound by a model: its expression and the names of its components.
 
     Args:
-        quantity: what is bound.
+        quantity: the quantity.
         value: expression, shape (n, 1); for a rotation the quaternion (4, 1).
         labels: one name per component of a *difference* of two values: ``("x", "y", "z")``, joint names, or
             ``("FL x", "FL y", ...)`` for stacked feet.

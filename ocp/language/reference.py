@@ -1,4 +1,4 @@
-"""References: where a motion's targets come from - keyframes, arrays, a saved trajectory, or a gait's heuristics."""
+"""References: the sources of a motion's targets - keyframes, arrays, or a saved trajectory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 
 from . import rotation
-from .frame import PlanarFrame, carry, relative
+from .frame import PlanarFrame, relative, transform
 from .model import ModelBase, Sample
 from .phase import Phase
 from .piece import BoundReference, Piece, Reference
@@ -35,7 +35,7 @@ class _Curve:
         return np.asarray((1.0 - share) * self.values[i] + share * self.values[i + 1])
 
     def rate(self, t: float, side: float) -> Array:
-        """Return the slope of the piece of curve on the side of t that ``side`` (±1) names; zero beyond the ends."""
+        """Return the slope just before t (``side`` = −1) or just after t (``side`` = 1); zero beyond the ends."""
         last = len(self.times) - 1
         i = int(np.searchsorted(self.times, t + side * SAME_TIME, side="right")) - 1
         if i < 0 or i >= last:
@@ -45,7 +45,7 @@ class _Curve:
 
 @dataclass(frozen=True)
 class BoundKeyframes(BoundReference):
-    """The path through keyframes: piecewise linear, orientation in roll-pitch-yaw so that its winding is kept."""
+    """The path through keyframes: piecewise linear, orientation in roll, pitch, yaw so that full turns are kept."""
 
     curves: Mapping[Quantity, _Curve]
     rates: Mapping[Quantity, Quantity]
@@ -53,11 +53,11 @@ class BoundKeyframes(BoundReference):
     start: Sample
 
     def rpy(self, quantity: Quantity, t: float) -> Array:
-        """Return a rotation's interpolated roll, pitch, yaw with its winding, (3,) [rad]."""
+        """Return a rotation's interpolated roll, pitch, yaw, full turns included, (3,) [rad]."""
         return self.curves[quantity].value(t)
 
     def sample(self, t: float, phase: int) -> Sample:
-        """Return the targets; velocities are the path's derivative unless keyframes give them."""
+        """Return the targets; a velocity without keyframes is the derivative of the path."""
         side = -1.0 if phase < len(self.ends) and t >= self.ends[phase] - SAME_TIME else 1.0
         sample: dict[Quantity, Array] = dict(self.start)
         for quantity, curve in self.curves.items():
@@ -78,7 +78,7 @@ class BoundKeyframes(BoundReference):
 
 
 def translate(models: tuple[ModelBase, ...], values: Mapping[str, object]) -> dict[Quantity, Array]:
-    """Translate a keyframe of a motion that several models share: each entry goes to the first that knows it."""
+    """Translate a keyframe for several models: the first model that has a target of an entry's name translates it."""
     targets: dict[Quantity, Array] = {}
     for name, value in values.items():
         errors = []
@@ -93,10 +93,10 @@ def translate(models: tuple[ModelBase, ...], values: Mapping[str, object]) -> di
     return targets
 
 
-def lay_knots(
+def place_keyframes(
     models: tuple[ModelBase, ...], phases: tuple[Phase, ...], start: Sample, frame: PlanarFrame
 ) -> BoundKeyframes:
-    """Return the path through the keyframes of phases in order; quantities without any keep their starting value."""
+    """Return the path through the keyframes of phases; quantities without a keyframe keep their value at the start."""
     knots: dict[Quantity, list[tuple[float, Array]]] = {}
     t = 0.0
     for phase in phases:
@@ -105,7 +105,7 @@ def lay_knots(
             if quantity.kind == "rotation":
                 value = value + np.array([0.0, 0.0, frame[2]])
             else:
-                value = carry({quantity: value}, frame)[quantity]
+                value = transform({quantity: value}, frame)[quantity]
             if quantity not in knots:
                 first: Array = np.asarray(start.get(quantity, np.zeros_like(value)), dtype=float)
                 if quantity.kind == "rotation":
@@ -122,9 +122,10 @@ def lay_knots(
 
 
 def _angles(q: Array, toward: Array, yaw: float) -> Array:
-    """Return a quaternion's roll, pitch, yaw: of the two triples within a turn the one nearer to where the path goes.
+    """Return a quaternion's roll, pitch, yaw, (3,) [rad], such that the path to the next keyframe is short.
 
-    Beyond a pitch of a quarter turn that is not the usual one. The yaw is on the branch of the frame's.
+    Up to full turns, two triples of angles describe one rotation. The result is the one closer to ``toward``. If its
+    pitch exceeds π/2, it differs from that of ``np_to_rpy``. Its yaw is within π of the frame's yaw.
     """
     usual = rotation.np_to_rpy(q)
     other = _wrapped(np.array([usual[0] + np.pi, np.pi - usual[1], usual[2] + np.pi]))
@@ -136,51 +137,51 @@ def _wrapped(angles: Array) -> Array:
     return np.asarray(angles - 2 * np.pi * np.round(angles / (2 * np.pi)))
 
 
-class BoundLaps(BoundReference):
-    """Keyframes of a cyclic piece: what runs once, then cycles, each beginning where the one before it ended."""
+class BoundCycles(BoundReference):
+    """Keyframes of a cyclic piece: the phases that run once, then cycles, each from the end of the previous one."""
 
     def __init__(self, models: tuple[ModelBase, ...], piece: Piece, start: Sample, frame: PlanarFrame) -> None:
         self.models, self.piece = models, piece
         phases = piece.once or piece.cycle
-        self._laps = [(0.0, phases, lay_knots(models, phases, start, frame))]
+        self._parts = [(0.0, phases, place_keyframes(models, phases, start, frame))]
 
     @property
     def start(self) -> Sample:
         """The sample at the piece's start."""
-        return self._laps[0][2].start
+        return self._parts[0][2].start
 
     def sample(self, t: float, phase: int) -> Sample:
-        """Return the targets; the running index of the phase says in which cycle."""
+        """Return the targets; the index of the phase, counted over all cycles, selects the cycle."""
         once, cycle = len(self.piece.once), len(self.piece.cycle)
-        lap, index = divmod(phase - once, cycle) if phase >= once else (-1, phase)
-        began, _, knots = self._lap(lap + bool(once))
-        return knots.sample(t - began, index)
+        number, index = divmod(phase - once, cycle) if phase >= once else (-1, phase)
+        began, _, keyframes = self._part(number + bool(once))
+        return keyframes.sample(t - began, index)
 
-    def _lap(self, number: int) -> tuple[float, tuple[Phase, ...], BoundKeyframes]:
-        while len(self._laps) <= number:
-            began, phases, knots = self._laps[-1]
+    def _part(self, number: int) -> tuple[float, tuple[Phase, ...], BoundKeyframes]:
+        while len(self._parts) <= number:
+            began, phases, keyframes = self._parts[-1]
             length = sum(phase.duration for phase in phases)
-            end = knots.sample(length, len(phases) - 1)
-            following = lay_knots(self.models, self.piece.cycle, end, self.models[0].planar_frame(end))
-            self._laps.append((began + length, self.piece.cycle, following))
-        return self._laps[number]
+            end = keyframes.sample(length, len(phases) - 1)
+            following = place_keyframes(self.models, self.piece.cycle, end, self.models[0].planar_frame(end))
+            self._parts.append((began + length, self.piece.cycle, following))
+        return self._parts[number]
 
 
 @dataclass(frozen=True)
 class Keyframes(Reference):
-    """The reference of phases that carry keyframes: knots of a path that starts at the piece's start."""
+    """The reference of phases with keyframes: a path from the piece's start through the keyframes."""
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
-        """Lay the knots; quantities without any keep their starting value."""
+        """Return the path through the keyframes; quantities without a keyframe keep their value at the start."""
         return self.bind_all((model,), piece, start, frame)
 
     def bind_all(
         self, models: tuple[ModelBase, ...], piece: Piece, start: Sample, frame: PlanarFrame
     ) -> BoundReference:
-        """Lay the knots of a motion that several models share; those of a cycle anew at each of its beginnings."""
+        """Return the path of a motion for several models; each cycle begins at the end of the previous one."""
         if piece.cycle:
-            return BoundLaps(models, piece, start, frame)
-        return lay_knots(models, piece.phases, start, frame)
+            return BoundCycles(models, piece, start, frame)
+        return place_keyframes(models, piece.phases, start, frame)
 
 
 @dataclass(frozen=True)
@@ -192,17 +193,17 @@ class _BoundArrays(BoundReference):
     def sample(self, t: float, phase: int) -> Sample:
         index = min(phase, len(self.trajectory.phases) - 1)
         part = self.trajectory.phases[index]
-        return carry(part.sample(t - self.starts[index] + part.times[0]), self.motion)
+        return transform(part.sample(t - self.starts[index] + part.times[0]), self.motion)
 
 
 @dataclass(frozen=True)
 class FromTrajectory(Reference):
-    """Targets read from a trajectory, carried to where the piece begins."""
+    """Targets from a trajectory, moved to the start of the piece."""
 
     trajectory: Trajectory
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
-        """Carry the trajectory's own first planar frame onto the piece's."""
+        """Move the trajectory so that its first planar frame is the piece's."""
         first = self.trajectory.phases[0]
         own = model.planar_frame(first.sample(first.times[0]))
         starts = np.cumsum([0.0] + [phase.duration for phase in piece.phases])[:-1]
@@ -221,16 +222,16 @@ class _BoundTable(BoundReference):
         for quantity, values in self.columns.items():
             value = np.array([np.interp(t, self.times, column) for column in values.T])
             sample[quantity] = value / np.linalg.norm(value) if quantity.kind == "rotation" else value
-        return {**self.start, **carry(sample, self.frame)}
+        return {**self.start, **transform(sample, self.frame)}
 
 
 class FromArrays(Reference):
-    """Targets read from arrays over time, linearly interpolated.
+    """Targets from arrays over time, linearly interpolated.
 
     Args:
         times: increasing times since the piece's start, (n,) [s].
-        columns: quantity (of a model by hand its name) → values (n, size); rotations as quaternions (n, 4) of one
-            sign branch.
+        columns: quantity (or the name of a state or control of an ``ocp.Model``) → values (n, size); rotations as
+            quaternions (n, 4) without jumps of sign.
     """
 
     def __init__(self, times: ArrayLike, columns: Mapping[Quantity | str, ArrayLike]) -> None:
@@ -247,7 +248,7 @@ class FromArrays(Reference):
             if values.shape[:1] != self.times.shape:
                 raise ShapeError(
                     f"FromArrays, '{quantity}': wrong number of rows - got {values.shape[:1]}, expected "
-                    f"{self.times.size}, one per time; cut or extend it"
+                    f"{self.times.size}, one per time; remove or add rows"
                 )
             self.columns[quantity] = values.reshape(self.times.size, -1)
         for quantity, values in self.columns.items():
@@ -258,5 +259,5 @@ class FromArrays(Reference):
                 )
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:
-        """Carry the arrays' origin onto the piece's frame."""
+        """Move the arrays so that their origin is the piece's frame."""
         return _BoundTable(self.times, self.columns, start, frame)

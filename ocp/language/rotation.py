@@ -1,6 +1,6 @@
-"""Unit quaternions (w, x, y, z) in CasADi and NumPy: product, Exp, Log, and their branch-safe series at zero.
+"""Unit quaternions (w, x, y, z) in CasADi and NumPy: product, Exp, Log, and their series near zero.
 
-The CasADi functions come first, their NumPy twins over any leading axes after them.
+The CasADi functions come first, then the same functions in NumPy, over any leading axes.
 Convention: body-to-world; increments are body-axis rotation vectors multiplied on the right, as MuJoCo's
 ``mj_integratePos`` does.
 """
@@ -32,7 +32,7 @@ def exp(phi: cs.SX) -> cs.SX:
     """Return Exp of a rotation vector, (3, 1) [rad] → (4, 1)."""
     squared = cs.dot(phi, phi)
     small = squared < _SMALL
-    angle = cs.sqrt(cs.if_else(small, 1.0, squared))  # both branches are evaluated: keep the root away from zero
+    angle = cs.sqrt(cs.if_else(small, 1.0, squared))  # CasADi evaluates both branches: the root must not be zero
     cosine = cs.if_else(small, 1 - squared / 8 + squared**2 / 384, cs.cos(angle / 2))
     sinc = cs.if_else(small, 0.5 - squared / 48 + squared**2 / 3840, cs.sin(angle / 2) / angle)
     return cs.vertcat(cosine, sinc * phi)
@@ -44,7 +44,7 @@ def log(q: cs.SX) -> cs.SX:
     squared = cs.dot(q[1:], q[1:])
     small = squared < _SMALL
     sine = cs.sqrt(cs.if_else(small, 1.0, squared))
-    w = cs.if_else(small, q[0], 1.0)  # the series divides by w, which is near one where it is used
+    w = cs.if_else(small, q[0], 1.0)  # the series divides by w; where the series is used, w is near one
     series = (2 / w) * (1 - squared / (3 * w**2) + squared**2 / (5 * w**4))
     return cs.if_else(small, series, 2 * cs.atan2(sine, q[0]) / sine) * q[1:]
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ScheduledModel(Protocol):
-    """What a schedule asks of a model; see :class:`ocp.ModelBase` for what the compiler asks."""
+    """The part of a model that a schedule uses; :class:`ocp.ModelBase` is what the compiler uses."""
 
     @property
     def name(self) -> str:
@@ -27,17 +27,17 @@ class ScheduledModel(Protocol):
 
     @property
     def own_step(self) -> float | None:
-        """The one time step that it can make [s]; None for any."""
+        """The only time step that it supports [s]; None if it supports any."""
         ...
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A model over a stretch of time.
+    """A part of the horizon with one model.
 
     Args:
         model: the model.
-        duration: length [s]; None until the motion ends.
+        duration: length [s]; None: until the motion ends.
         dt: time step [s].
         excluded: terms that are left out here.
         source: where it was declared.
@@ -73,8 +73,8 @@ class Schedule:
     def __add__(self, other: Schedule) -> Schedule:
         if not isinstance(other, Schedule):
             raise ProblemError(
-                f"schedule ({caller()}): can be followed by a schedule only - got {type(other).__name__}, expected "
-                "that of a model; write model.over(duration, dt) or model.until_end(dt)"
+                f"schedule ({caller()}): can be followed by a schedule only - got {type(other).__name__}, expected the "
+                "schedule of a model; write model.over(duration, dt) or model.until_end(dt)"
             )
         if self.segments and self.segments[-1].duration is None:
             last = self.segments[-1]
@@ -90,10 +90,9 @@ class Schedule:
         for given in terms:
             out.extend(given if isinstance(given, Iterable) and not isinstance(given, str) else (given,))
         for term in out:
-            if not hasattr(term, "structure"):  # the classes of terms know schedules, not the other way round
+            if not hasattr(term, "structure"):  # every term has it
                 raise ProblemError(
                     f"schedule ({caller()}): without takes terms - got {term!r}, expected costs, constraints or sets "
-                    "of "
-                    "them; pass the objects"
+                    "of them; pass the objects"
                 )
         return Schedule(tuple(replace(s, excluded=s.excluded + tuple(out)) for s in self.segments))

@@ -19,7 +19,7 @@ class Source:
 
 
 def caller() -> Source:
-    """Return the nearest place on the call stack outside Piaffe and the standard library's helpers."""
+    """Return the innermost place on the call stack outside Piaffe, ``dataclasses`` and ``functools``."""
     frame = sys._getframe(1)
     while frame.f_back is not None:
         module = frame.f_globals.get("__name__", "")

@@ -1,7 +1,7 @@
-"""Terms: what a motion should achieve (costs) and must respect (constraints), as frozen values.
+"""Terms: costs and constraints of a motion, as frozen values.
 
-Terms are written in quantities or as functions of a node's quantities; the compiler binds them to each model that can
-supply what they speak about.
+A term is written with a quantity or as a function of a node's quantities. The compiler binds it to each model that
+supplies these quantities.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ def by_phase(default: Any, **phases: Any) -> ByPhase:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Term:
-    """What costs and constraints share.
+    """The common part of costs and constraints.
 
     Args:
-        name: how reports call it.
+        name: its name in reports.
         at: ``"running"``: at every stage; ``"phase_end"``: at the last node of each phase of the motion;
             ``"end"``: at the last node of the horizon.
         when: phases it applies to: a name, names, a predicate of the name, or None for all.
-        mask: function of the node's quantities giving 0 or 1 per row; rows with 0 count for nothing.
-        parameters: numbers handed to the functions as keyword arguments, changeable without rebuilding.
+        mask: function of the node's quantities that returns 0 or 1 per row; a row with 0 has no effect.
+        parameters: keyword arguments of the functions; their values can change without a new compilation.
         unit: unit of the rows.
         source: where it was declared.
     """
@@ -70,7 +70,7 @@ class Term:
 
     @property
     def where(self) -> str:
-        """Name and place, for messages."""
+        """Name, file and line, for messages."""
         return f"term '{self.name}' ({self.source})"
 
     def applies(self, phase: str) -> bool:
@@ -99,15 +99,15 @@ class Cost(Term):
     target: Array | None = None
 
     def structure(self) -> Hashable:
-        """Return what the generated functions depend on; terms of equal structure share code."""
+        """Return the part of the term that the generated functions depend on; equal structures share functions."""
         sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
         to_zero = self.target is not None and self.target.size == 0
         return ("cost", self.quantity, self.function, self.at, self.mask, to_zero, self.unit, sizes)
 
     def counts_in(self, phase: str) -> bool:
-        """Return whether another weight may take the place of the declared one in a phase of this name.
+        """Return whether a new weight replaces the declared one in a phase of this name.
 
-        That is where the term applies; with weights by phase only where they are not all zero.
+        It does where the term applies; if weights differ by phase, only where the declared ones are not all zero.
         """
         if not self.applies(phase) or not isinstance(self.weight, ByPhase):
             return self.applies(phase)
@@ -124,16 +124,14 @@ class Cost(Term):
         if isinstance(weight, Mapping):
             values = np.zeros(len(labels))
             for key, value in weight.items():
-                named, given = (
-                    match_labels(labels, key, self.where),
-                    numbers_of(value, self.where, f"weight of '{key}'"),
-                )
-                if given.size not in (1, len(named)):
+                named = match_labels(labels, key, self.where)
+                numbers = numbers_of(value, self.where, f"weight of '{key}'")
+                if numbers.size not in (1, len(named)):
                     raise ShapeError(
-                        f"{self.where}: weight of '{key}' has the wrong size - got {given.size} entries, expected 1 or "
-                        f"{len(named)} ({', '.join(labels[i] for i in named)}); give one per component or a scalar"
+                        f"{self.where}: weight of '{key}' has the wrong size - got {numbers.size} entries, expected 1 "
+                        f"or {len(named)} ({', '.join(labels[i] for i in named)}); give one per component or a scalar"
                     )
-                values[named] = given
+                values[named] = numbers
         else:
             values = numbers_of(weight, self.where, "weight")
             if values.size not in (1, len(labels)):
@@ -152,14 +150,14 @@ class Cost(Term):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Constraint(Term):
-    """Rows that must lie between bounds (inequality) or vanish (equality).
+    """Rows that must be between bounds (inequality) or zero (equality).
 
     Args:
         kind: ``"inequality"`` or ``"equality"``.
         function: rows of a node's quantities.
-        lower: lower bounds, numbers or a function of the model; None for none.
-        upper: upper bounds likewise.
-        scale: what a violation is divided by in reports, in the row's unit.
+        lower: lower bounds, numbers or a function of the model; None if there are none.
+        upper: the same for upper bounds.
+        scale: divisor of the rows and of their violations in reports, in the rows' unit.
         labels: names of the rows, or a function of the model that returns them.
     """
 
@@ -180,11 +178,11 @@ class Constraint(Term):
 
     @property
     def where(self) -> str:
-        """Name and place, for messages."""
+        """Name, file and line, for messages."""
         return f"constraint '{self.name}' ({self.source})"
 
     def structure(self) -> Hashable:
-        """Return what the generated functions depend on; terms of equal structure share code."""
+        """Return the part of the term that the generated functions depend on; equal structures share functions."""
         sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
         sides = (self.lower is not None, self.upper is not None)
         labels = self.labels if callable(self.labels) or self.labels is None else tuple(self.labels)
@@ -192,13 +190,13 @@ class Constraint(Term):
 
     def bound(self, side: Literal["lower", "upper"], model: Any, size: int) -> Array:
         """Return the bounds of one side for a model, (size,)."""
-        given = self.lower if side == "lower" else self.upper
+        bound = self.lower if side == "lower" else self.upper
         try:
-            values = numbers_of(given(model) if callable(given) else given, self.where, f"{side} bound")
+            values = numbers_of(bound(model) if callable(bound) else bound, self.where, f"{side} bound")
         except AttributeError as error:
             raise ProblemError(
                 f"{self.where}: model '{model.name}' has no such limits - got {error}, "
-                f"expected a model of a robot; give {side}= as numbers, or exclude it with .without(...)"
+                f"expected a model of a robot; give {side}= as numbers, or leave the constraint out with .without(...)"
             ) from error
         if values.size not in (1, size) or np.any(np.isnan(values)):
             raise ShapeError(
@@ -219,8 +217,8 @@ def _as_quantity(quantity: Quantity | str) -> Quantity:
         return Quantity(quantity)
     if not isinstance(quantity, Quantity):
         raise ProblemError(
-            f"term ({caller()}): not a quantity - got {quantity!r}, expected one like base.position, or a state's or "
-            "control's name; for a function of your own use ocp.residual"
+            f"term ({caller()}): is not a quantity - got {quantity!r}, expected one like base.position, or the name of "
+            "a state or control; use ocp.residual for your own function"
         )
     return quantity
 
@@ -235,9 +233,9 @@ def track(
     mask: Function | None = None,
     name: str | None = None,
 ) -> Cost:
-    """Return a cost ½ Σ wᵢ (q − q_ref)ᵢ² on a quantity's distance from the motion's path, or from ``to``.
+    """Return a cost ½ Σ wᵢ (q − q_ref)ᵢ² of the difference of a quantity from the motion's path, or from ``to``.
 
-    A rotation's residual is the body-axis rotation vector from target to value.
+    The residual of a rotation is the body-axis rotation vector from target to value.
     """
     q = _as_quantity(quantity)
     suffix = "" if at == "running" else f" at {at}"
@@ -273,7 +271,7 @@ def regularize(
 
 @dataclass(frozen=True)
 class Residual:
-    """A user's residual, to be weighted: ``hip_symmetry.weighted(0.1)``."""
+    """A user's residual; with a weight it is a cost: ``hip_symmetry.weighted(0.1)``."""
 
     function: Function
     unit: str
@@ -309,7 +307,7 @@ def residual(
     parameters: Mapping[str, ArrayLike] | None = None,
     mask: Function | None = None,
 ) -> Residual | Callable[[Function], Residual]:
-    """Turn a function of a node's quantities into a residual; plain decorator or with arguments."""
+    """Return the residual of a function of a node's quantities; usable as a decorator, with or without arguments."""
     source = caller()
 
     def wrap(f: Function) -> Residual:
@@ -348,9 +346,10 @@ def inequality(
     parameters: Mapping[str, ArrayLike] | None = None,
     labels: Any = None,
 ) -> Any:
-    """Return the constraint lower ≤ f(s) ≤ upper; plain call, decorator, or decorator with arguments.
+    """Return the constraint lower ≤ f(s) ≤ upper; usable as a function, or as a decorator with or without arguments.
 
-    With neither bound given, f(s) ≥ 0. Rows that depend on the state alone hold at every node, others at every stage.
+    Without bounds the constraint is f(s) ≥ 0. Rows that depend only on the state hold at every node, other rows at
+    every stage.
     """
     if lower is None and upper is None:
         lower = 0.0
@@ -372,7 +371,7 @@ def equality(
     parameters: Mapping[str, ArrayLike] | None = None,
     labels: Any = None,
 ) -> Any:
-    """Return the constraint f(s) = 0; plain call, decorator, or decorator with arguments."""
+    """Return the constraint f(s) = 0; usable as a function, or as a decorator with or without arguments."""
     return _constraint(
         "equality", function, name, unit=unit, scale=scale, at=at, when=when, mask=mask,
         parameters=_numbers(parameters), labels=labels,

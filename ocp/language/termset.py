@@ -62,7 +62,7 @@ def _flatten(terms: tuple[object, ...], kind: type, where: str, advice: str) -> 
 
 
 def _brief(term: object) -> str:
-    """Return what was given instead of a term, in a few words."""
+    """Return a short description of an argument that is not the term that was expected."""
     if isinstance(term, Term):
         return f"the {getattr(term, 'kind', 'cost')} '{term.name}' ({term.source})"
     if isinstance(term, Residual):

@@ -1,10 +1,10 @@
 """Time: when two times are the same."""
 
 SAME_TIME = 1e-7
-"""Times that differ by less are one [s].
+"""Times that differ by less than this are the same [s].
 
-Larger than what rounding adds up to over many phases, and than what a user's seven digits leave out; far smaller than a
-time step.
+It is larger than the sum of rounding errors over many phases, and than the error of a number with seven digits. It is
+much smaller than a time step.
 """
 
 

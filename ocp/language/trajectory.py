@@ -1,4 +1,4 @@
-"""Trajectories: the plain record of a motion, phase by phase, that files store and references read."""
+"""Trajectories: states, controls and outputs of a motion, phase by phase; files store them and references read them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .time import SAME_TIME
 Array = NDArray[np.float64]
 
 SCHEDULED = "scheduled"
-"""Mode of a stretch of a model that changes of modes do not cut: it may span several of them."""
+"""Mode of a phase of a model that has one phase for all modes (``cut_by_modes`` is False)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class PhaseTrajectory:
         outputs: quantity → (N, size), e.g. contact forces.
         state: layout of the states.
         control: layout of the controls.
-        ends_phase: whether the motion's phase ends here (else the schedule cut it, or the horizon).
+        ends_phase: whether the motion's phase ends at the last node; if not, the segment or the horizon ends there.
     """
 
     name: str

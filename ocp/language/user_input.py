@@ -1,4 +1,4 @@
-"""What users give: numbers that must be numbers, and functions that may fail; errors say whose they are and where."""
+"""Checks of a user's numbers and calls of a user's functions; errors name the declaration, its file and its line."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ Array = NDArray[np.float64]
 
 
 def numbers_of(value: Any, where: str, what: str) -> Array:
-    """Return what a user gave as an array of at least one dimension.
+    """Return a user's numbers as an array of at least one dimension.
 
     Args:
-        value: what was given.
+        value: the user's numbers.
         where: the declaration, for the message.
-        what: which of its entries, for the message.
+        what: which entry of the declaration, for the message.
 
     Raises:
-        ProblemError: it is no number, and no array of numbers.
+        ProblemError: the value is neither a number nor an array of numbers.
     """
     if isinstance(value, cs.SX | cs.MX):
         got = f"the symbol '{value}'" if value.is_scalar() and value.is_symbolic() else "a CasADi expression"
         raise ProblemError(
-            f"{where}: {what} is unusable - got {got}, expected numbers; give some: they may change without anything "
-            "being rebuilt, as an ocp.parameter may"
+            f"{where}: {what} is unusable - got {got}, expected numbers; give numbers: they can change without a new "
+            "compilation, as an ocp.parameter can"
         )
     try:
         return np.atleast_1d(np.asarray(value, dtype=float))
@@ -39,17 +39,17 @@ def numbers_of(value: Any, where: str, what: str) -> Array:
 
 
 def brief(value: object) -> str:
-    """Return what a user gave instead of something else, in a few words."""
+    """Return a short description of a user's value, for a message."""
     text = repr(value)
     return text if len(text) < 40 else type(value).__name__
 
 
 def call(function: Callable[..., Any], where: str, *arguments: Any, **named: Any) -> Any:
-    """Return what a user's function returns; an error in it names the declaration and the line that failed.
+    """Return the result of a user's function; an error in it names the declaration and the line that failed.
 
     Args:
         function: the function.
-        where: the declaration that it belongs to, for the message.
+        where: the declaration of the function, for the message.
         arguments: its arguments.
         named: its keyword arguments.
 
@@ -69,7 +69,7 @@ def call(function: Callable[..., Any], where: str, *arguments: Any, **named: Any
 
 
 def _line(error: Exception) -> str:
-    """Return the last line outside Piaffe and installed packages that was running, in words."""
+    """Return `` at FILE:LINE`` of the innermost line outside Piaffe and installed packages; empty if there is none."""
     line, trace = "", error.__traceback__
     while trace is not None:
         code, module = trace.tb_frame.f_code, trace.tb_frame.f_globals.get("__name__", "")

@@ -1,4 +1,4 @@
-"""What a user's function sees: the quantities of one node, by attribute."""
+"""The argument of a user's function: the quantities of one node, as attributes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .quantity import Bound
 
 
 class Values(cs.SX):
-    """A bound quantity: a CasADi expression whose components can also be taken by name, ``position["FL_HAA"]``."""
+    """A bound quantity: a CasADi expression with components by index or by name, ``position["FL_HAA"]``."""
 
     def __init__(self, bound: Bound) -> None:
         super().__init__(bound.value)
@@ -24,7 +24,7 @@ class Values(cs.SX):
 
 
 def column(value: Any) -> cs.SX:
-    """Return what a user's function gave - an expression, a number, an array or a list of these - as one column."""
+    """Return the result of a user's function - an expression, number, array or list of these - as one column."""
     return cs.vec(cs.SX(cs.vertcat(*value) if isinstance(value, list | tuple) else value))
 
 
@@ -32,8 +32,8 @@ class NodeView:
     """The quantities of one node: ``s.joints.position``, ``s.frames["FL_KFE"].position[2]``, ``s.vz``.
 
     Args:
-        quantities: what the model supplies.
-        prefix: the part of the path already walked.
+        quantities: the quantities that the model supplies.
+        prefix: first part of the path, up to this attribute.
     """
 
     def __init__(self, quantities: Quantities, prefix: str = "") -> None:

@@ -69,7 +69,8 @@ def test_a_missing_file_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run(capsys, "describe", "/nowhere/ball.py")
     assert (code, out) == (2, "")
     assert err == (
-        "error: file '/nowhere/ball.py': not there - got no file, expected a Python file with a problem; check the path"
+        "error: file '/nowhere/ball.py': does not exist - got no file, expected a Python file with a problem; check "
+        "the path"
     )
 
 

@@ -60,7 +60,7 @@ def test_blocks_become_cases_with_all_settings(study_file: Path) -> None:
     [
         ("file = ", "is no TOML file - got"),
         ("seeds = 3", "has no problem - got file = None, expected the path of a Python file"),
-        ('file = "nowhere.py"', "nowhere.py': not there - got no file"),
+        ('file = "nowhere.py"', "nowhere.py': does not exist - got no file"),
         ('file = "sampled.py"\ncontroler = "dial"', "no setting 'controler'"),
         ('file = "sampled.py"\ncontroller = ["dial", "dail"]', "no controller 'dail'"),
         ('file = "sampled.py"\nseeds = 0', "seeds are unusable - got 0"),

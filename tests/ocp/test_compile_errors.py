@@ -377,7 +377,9 @@ def test_what_is_no_number_is_refused_by_name():
     assert told(ProblemError, lambda: ocp.track("z", to="high")) == (
         "term 'track z' (HERE): target is unusable - got 'high', expected numbers; give some"
     )
-    assert told(ProblemError, lambda: ocp.track(3)).startswith("term (HERE): not a quantity - got 3, expected one like")
+    assert told(ProblemError, lambda: ocp.track(3)).startswith(
+        "term (HERE): is not a quantity - got 3, expected one like"
+    )
     bounds = ocp.Constraints(ocp.inequality(lambda s: s.z, lower="ground", name="g"))
     assert told(ProblemError, lambda: ball(constraints=bounds)) == (
         "constraint 'g' (HERE): lower bound is unusable - got 'ground', expected numbers; give some"
@@ -396,8 +398,8 @@ def test_what_is_no_number_is_refused_by_name():
 def test_symbols_instead_of_numbers():
     high = ocp.parameter("high", 2.0)
     message = (
-        "got the symbol 'high', expected numbers; give some: they may change without anything being rebuilt, as an "
-        "ocp.parameter may"
+        "got the symbol 'high', expected numbers; give numbers: they can change without a new compilation, as an "
+        "ocp.parameter can"
     )
     assert told(ProblemError, lambda: ball(objective=CHEAP + ocp.track("z", weight=high))) == (
         f"term 'track z' (HERE): weight is unusable - {message}"
@@ -432,8 +434,8 @@ def test_keyframes_that_are_no_numbers(value, message):
 def test_initial_state_without_an_orientation():
     motion = ocp.Motion(ocp.Phase("stand", stance("FL FR HL HR"), 0.04))
     assert told(ProblemError, lambda: ocp.Problem(motion, BODY.until_end(dt=0.02), STAND, initial=np.zeros(37))) == (
-        "problem (HERE): initial state has no 'base.orientation' - got a quaternion of zeros, expected one of unit "
-        "length, (1, 0, 0, 0) for none; build it with the model's state()"
+        "problem (HERE): initial state has an invalid 'base.orientation' - got a quaternion of zeros, expected one of "
+        "unit length, (1, 0, 0, 0) for no rotation; build it with the model's state()"
     )
 
 
@@ -560,11 +562,11 @@ def test_parameter_of_the_wrong_size():
     gap = ocp.parameter("gap", 0.1)
     rows = ocp.Constraints(ocp.inequality(lambda s: s.z - gap))
     assert told(ShapeError, lambda: ball(constraints=rows, parameters={"gap": (1, 2)})) == (
-        "problem (HERE), parameter 'gap': wrong size - got 2 entries, expected 1; give as many as it has now"
+        "problem (HERE), parameter 'gap': wrong size - got 2 entries, expected 1; give as many as the present value has"
     )
     assert told(ShapeError, lambda: robot(parameters={"mini_cheetah.gravity": 9.81})) == (
-        "problem (HERE), parameter 'mini_cheetah.gravity': wrong size - got 1 entries, expected 3; give as many as it "
-        "has now"
+        "problem (HERE), parameter 'mini_cheetah.gravity': wrong size - got 1 entries, expected 3; give as many as "
+        "the present value has"
     )
 
 
@@ -626,7 +628,7 @@ def test_a_cost_on_what_the_control_causes_is_a_cost():
         ),
         (
             {"z": 0, "w": [1, 2]},
-            "{M} 'w' has the wrong size - got 2, expected 1; return as many",
+            "{M} 'w' has the wrong size - got 2, expected 1; return 1",
         ),
         (
             {"z": 0, "w": 0, "v": 0},
@@ -752,11 +754,12 @@ def test_a_solver_wants_a_problem():
 
 def test_only_like_follows_like():
     assert told(ProblemError, lambda: ocp.Motion(DROP) + RISE) == (
-        "motion (HERE): can be followed by a motion only - got Phase, expected an ocp.Motion; make one of it"
+        "motion (HERE): can be followed by a motion only - got Phase, expected an ocp.Motion; write "
+        "ocp.Motion(phase, ...)"
     )
     assert told(ProblemError, lambda: BODY.over(0.1, dt=0.01) + RIGID) == (
-        "schedule (HERE): can be followed by a schedule only - got SingleRigidBody, expected that of a model; write "
-        "model.over(duration, dt) or model.until_end(dt)"
+        "schedule (HERE): can be followed by a schedule only - got SingleRigidBody, expected the schedule of a "
+        "model; write model.over(duration, dt) or model.until_end(dt)"
     )
     assert told(ProblemError, lambda: BALL.until_end(dt="0.1")).startswith(
         "schedule (HERE), model 'ball': dt is out of range - got '0.1'"

@@ -127,7 +127,7 @@ def test_keyframes_beside_another_reference_are_refused():
     phase = ocp.Phase("a", "go", 0.1, {"z": 1})
     reference = ocp.FromArrays([0, 1], {"z": [0, 1]})
     with pytest.raises(
-        ProblemError, match=r"phase 'a' \(.*\): its keyframe applies nowhere - got a motion that follows FromArrays"
+        ProblemError, match=r"phase 'a' \(.*\): its keyframe applies nowhere - got a motion whose targets come from F"
     ):
         ocp.Motion(phase, reference=reference)
     with pytest.raises(ProblemError, match=r"reference is unusable - got 3, expected one like ocp\.FromArrays"):

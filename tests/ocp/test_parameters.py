@@ -169,7 +169,11 @@ def test_two_parameters_of_one_name_are_refused_when_one_is_set() -> None:
 # ---- the same errors
 
 WRONG: dict[str, tuple[object, type[Exception], str]] = {
-    "size": ({"g": [1.0, 2.0]}, ShapeError, "wrong size - got 2 entries, expected 1; give as many as it has now"),
+    "size": (
+        {"g": [1.0, 2.0]},
+        ShapeError,
+        "wrong size - got 2 entries, expected 1; give as many as the present value",
+    ),
     "NaN": ({"near.reach": np.nan}, ProblemError, "is not finite - got nan at entry 0, expected finite numbers"),
     "infinite target": ({"goal.target": np.inf}, ProblemError, "is not finite - got inf at entry 0"),
     "negative weight": ({"goal.weight": -1.0}, ProblemError, "weight is unusable - got [-1.0], expected numbers ≥ 0"),

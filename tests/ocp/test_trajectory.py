@@ -8,7 +8,7 @@ import pytest
 from piaffe import ocp
 from piaffe.errors import ProblemError
 from piaffe.ocp import Quantity, rotation
-from piaffe.ocp.language.frame import ORIGIN, carry, relative
+from piaffe.ocp.language.frame import ORIGIN, relative, transform
 
 MODEL = ocp.Model(
     "top", state={"turn": "rotation", "z": 1}, control={"rate": 3}, modes={"go": lambda s: {"turn": s.rate, "z": 0}}
@@ -66,9 +66,9 @@ def test_a_stretch_of_several_modes_is_no_phase_of_a_motion():
 # ---- frames
 
 
-def test_carrying_moves_points_turns_directions_and_leaves_numbers_alone():
+def test_transform_moves_points_rotates_directions_and_keeps_vectors():
     point, direction, number = Quantity("p", "m", "point"), Quantity("d", "N", "direction"), Quantity("n", "Nm")
-    moved = carry(
+    moved = transform(
         {point: np.array([1.0, 0, 5, 0, 1, 6]), direction: np.array([1.0, 0, 7]), number: np.array([1.0, 2])},
         (10, 20, pi / 2),
     )
@@ -77,8 +77,8 @@ def test_carrying_moves_points_turns_directions_and_leaves_numbers_alone():
     assert moved[number] == pytest.approx([1, 2])
 
 
-def test_carrying_turns_rotations_about_the_vertical():
-    moved = carry({TURN: rotation.np_from_rpy(np.array([0.3, 0.2, 0.1]))}, (1, 2, 0.5))[TURN]
+def test_transform_rotates_orientations_about_the_vertical():
+    moved = transform({TURN: rotation.np_from_rpy(np.array([0.3, 0.2, 0.1]))}, (1, 2, 0.5))[TURN]
     assert rotation.np_to_rpy(moved) == pytest.approx([0.3, 0.2, 0.6])
 
 
@@ -87,5 +87,5 @@ def test_the_relative_motion_carries_one_frame_onto_the_other():
     point = Quantity("p", "m", "point")
     motion = relative(to, of)
     assert motion[2] == pytest.approx(1.7)
-    assert carry({point: np.array([*of[:2], 0.0])}, motion)[point] == pytest.approx([*to[:2], 0.0])
+    assert transform({point: np.array([*of[:2], 0.0])}, motion)[point] == pytest.approx([*to[:2], 0.0])
     assert relative(of, of) == pytest.approx(ORIGIN)
