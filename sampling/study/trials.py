@@ -212,6 +212,7 @@ def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None
     allow = settings["allow"].replace(",", " ").split()
     extra = {"value": settings["value"], "allow": allow} if kind.uses_value else {}
     controller = kind(problem, options_of(declared, settings, threads), reward=declared.reward, **extra)
+    controller.initial_memory()  # what it is made from is refused now, not at the first plan
     return Trial(controller, plant_of(controller.model, settings), settings, spread_of(settings, "settings"))
 
 
