@@ -14,10 +14,11 @@ from piaffe.errors import PiaffeError
 from .arguments import FAILED, REFUSED
 from .cache import cache
 from .doctor import doctor
+from .mppi import NamesControllers, mppi
 from .picture_commands import plot, video, view
 from .problem_commands import check, describe, solve, verify
 from .reports import plain, terminal
-from .sampling_commands import NamesControllers, mppi, study
+from .study import study
 
 COMMANDS = (describe, solve, verify, check, plot, video, view, doctor, cache, mppi, study)
 
