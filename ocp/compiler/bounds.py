@@ -1,4 +1,4 @@
-"""Bounds of constraints among the parameters: that the lower ones are not above the upper ones."""
+"""Check of constraints' bounds among the parameters: no lower bound exceeds its upper bound."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def check_bounds(mode: LoweredMode, terms: Sequence[Cost | Constraint], p: NDArr
 
     Args:
         mode: the mode, for its layout.
-        terms: the problem's.
+        terms: the problem's terms.
         p: parameters of nodes (n, np).
     """
     slices = mode.layout.slices

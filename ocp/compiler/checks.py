@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 def check_targets(motion: Motion, models: list[ModelBase]) -> None:
-    """Raise if a keyframe speaks of something that no model has, or gives it another size."""
+    """Raise if a keyframe has a target that no model has, or one of another size or not finite."""
     for phase in (phase for piece in motion.pieces for phase in piece.phases):
         for name, value in phase.target.values.items() if phase.target else ():
             errors: list[Exception] = []
@@ -40,9 +40,9 @@ def check_targets(motion: Motion, models: list[ModelBase]) -> None:
                 except (TypeError, ValueError):
                     numbers_of(value, f"phase '{phase.name}' ({phase.source}), keyframe", f"target '{name}'")
                     raise
-            else:  # the most telling: a model that knows the name, but not with this value
-                telling = next((e for e in errors if not isinstance(e, UnknownNameError)), errors[0])
-                raise ProblemError(f"phase '{phase.name}' ({phase.source}): {telling}") from telling
+            else:  # the most precise error is that of a model that has the target, but not with this value
+                precise = next((e for e in errors if not isinstance(e, UnknownNameError)), errors[0])
+                raise ProblemError(f"phase '{phase.name}' ({phase.source}): {precise}") from precise
 
 
 def _check_finite_target(targets: dict[Quantity, Array]) -> None:
@@ -55,7 +55,7 @@ def _check_finite_target(targets: dict[Quantity, Array]) -> None:
 
 
 def check_last(motion: Motion) -> None:
-    """Raise if a reset map stands at the end of a motion, where nothing follows."""
+    """Raise if the last phase of a motion has a reset map."""
     if motion.duration == float("inf"):
         return
     *before, last = (phase for piece in motion.pieces for phase in piece.phases)
@@ -67,7 +67,7 @@ def check_last(motion: Motion) -> None:
 
 
 def check_models(schedule: Schedule) -> None:
-    """Raise if two models share a name: reports, files and parameters could not tell them apart."""
+    """Raise if two models share a name: reports, files and parameters identify a model by its name."""
     named: dict[str, ModelBase] = {}
     for segment in schedule.segments:
         model = model_of(segment)
@@ -79,7 +79,7 @@ def check_models(schedule: Schedule) -> None:
 
 
 def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
-    """Raise if a term speaks of a phase, or a schedule leaves out a term, that is not there."""
+    """Raise if a term names an unknown phase, or a schedule leaves out a term that the problem does not have."""
     phases = dict.fromkeys(phase.name for piece in problem.motion.pieces for phase in piece.phases)
     for term in terms:
         named = list(term.when) if isinstance(term.when, tuple) else [term.when] if isinstance(term.when, str) else []
@@ -93,17 +93,17 @@ def check_names(problem: Problem, terms: tuple[Cost | Constraint, ...]) -> None:
             if term not in terms:
                 raise ProblemError(
                     f"schedule ({segment.source}), model '{segment.model.name}': leaves out a term that is not in the "
-                    f"problem - got '{term.name}' ({term.source}), expected one of its terms; pass the very object "
-                    "that the problem has"
+                    f"problem - got '{term.name}' ({term.source}), expected one of its terms; pass the same object "
+                    "as the problem has"
                 )
 
 
 def require_derivatives(problem: Problem | CompiledProblem, solver: str) -> None:
-    """Raise if a solver that differentiates is given a model that can only be simulated.
+    """Raise if a solver that needs derivatives gets a model that can only be simulated.
 
     Args:
         problem: the problem, compiled or not.
-        solver: its name, for the message.
+        solver: name of the solver, for the message.
     """
     if isinstance(problem, CompiledProblem):
         used = [(f"phase '{p.name}' ({p.interval.phase.source})", p.mode.model) for p in problem.phases]
@@ -126,10 +126,10 @@ def solve_implicit(K: Array, r0: Array) -> Array:
 
 
 class Guess:
-    """What a mode's functions give at the initial guess of phases, by name, each evaluated once.
+    """Values of a mode's functions at the initial guess of phases, by name; each function is evaluated once.
 
     Args:
-        phases: compiled phases of one mode; results have the nodes of all of them, one phase after another.
+        phases: compiled phases of one mode; results have the nodes of all phases, one phase after another.
     """
 
     def __init__(self, *phases: CompiledPhase) -> None:
@@ -158,7 +158,7 @@ class Guess:
 
     @cached_property
     def stage_d(self) -> Mapping[str, Array]:
-        """Derivatives of the stages that may be infinite where values are finite; empty for a model that has none."""
+        """Derivatives of the stages that may be infinite at finite values; empty for a model without derivatives."""
         if not self.has_derivatives:
             return {}
         after = np.concatenate([phase.guess_states[1:] for phase in self.phases])
@@ -171,25 +171,25 @@ class Guess:
 
     @cached_property
     def terminal_d(self) -> Mapping[str, Array]:
-        """Derivatives of the last nodes' rows; empty for a model that has none."""
+        """Derivatives of the last nodes' rows; empty for a model without derivatives."""
         return _Values(self.mode.functions["terminal_d"], *self.end) if self.has_derivatives else {}
 
     def control_curvature(self) -> Array:
-        """Return the largest curvature of the running cost by each control over the stages, z chained in, (nu,)."""
+        """Return the largest second derivative of the running cost by each control, with z = z(x, u), (nu,)."""
         by_u, ndx = self.stage_d["residual_w"][:, :, self.mode.state.ndx :], self.mode.state.ndx
         if self.mode.nz and by_u.shape[1]:
-            chained = np.linalg.solve(self._implicit["K"], self.stage_d["r_w"][:, :, ndx:])
-            by_u = by_u - self.stage_d["residual_z"] @ chained
+            minus_z_u = np.linalg.solve(self._implicit["K"], self.stage_d["r_w"][:, :, ndx:])
+            by_u = by_u - self.stage_d["residual_z"] @ minus_z_u
         weight = np.concatenate([phase.weight for phase in self.phases])
         return np.asarray(np.einsum("nr,nru->nu", weight, by_u**2).max(axis=0))
 
 
 class ResetGuess:
-    """What a transition's functions give at the initial guess of phases that end with it.
+    """Values of a transition's functions at the initial guess of the phases that end with it.
 
     Args:
         transition: the transition.
-        phases: the phases.
+        phases: the phases that end with it.
     """
 
     def __init__(self, transition: LoweredTransition, phases: Sequence[CompiledPhase]) -> None:
@@ -202,22 +202,22 @@ class ResetGuess:
 
 
 def by_mode(compiled: CompiledProblem) -> list[Guess]:
-    """Return a guess per mode, of all of its phases."""
+    """Return one guess per mode, for all phases of the mode."""
     modes = dict.fromkeys(phase.mode for phase in compiled.phases)
     return [Guess(*(phase for phase in compiled.phases if phase.mode is mode)) for mode in modes]
 
 
 def check_guess(compiled: CompiledProblem) -> None:
-    """Raise if something is not finite at the initial guess, or a control has no cost there."""
+    """Raise if a value or derivative is not finite at the initial guess, or a control has no cost there."""
     guesses = by_mode(compiled)
     check_finite(compiled, guesses)
     check_controls(compiled, guesses)
 
 
 def check_controls(compiled: CompiledProblem, guesses: list[Guess] | None = None) -> None:
-    """Raise if some control has no running cost anywhere in a mode: its Hessian would be singular.
+    """Raise if a control has no running cost at any stage of a mode: the Hessian by the controls would be singular.
 
-    Models without derivatives are sampled, and need none.
+    Models without derivatives need no such cost; only sampling controllers use them.
     """
     for guess in guesses or by_mode(compiled):
         phase, mode = guess.phases[0], guess.mode
@@ -244,10 +244,10 @@ def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) 
     if all(table.is_finite for table in tables if isinstance(table, _Values)):
         return
     for phase in compiled.phases:
-        _name_first(compiled, phase)
+        _raise_for_first(compiled, phase)
 
 
-def _name_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
+def _raise_for_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
     """Raise for the first value or derivative of a phase that is not finite, if there is any."""
     guess, n = Guess(phase), phase.num_stages
     pairs = [
@@ -272,14 +272,14 @@ def _name_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
 
 
 def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: str, row: int) -> str:
-    """Return what a row of a function belongs to, in words: a term and where it was declared, or dynamics or a reset.
+    """Return a description of what a row of a function belongs to: a term and its declaration, dynamics or a reset.
 
     Args:
         compiled: the problem.
         phase: one of its phases.
         group: ``"stage"``, ``"terminal"`` or ``"reset"``.
         name: an output of the group's functions, such as ``"g"`` or ``"residual_w"``.
-        row: its row.
+        row: the row of this output.
     """
     kind, model = name.split("_")[0], phase.mode.model
     if group != "reset" and kind in ("residual", "g", "h"):
@@ -298,11 +298,11 @@ class _Values(Mapping[str, Array]):
     """A function's outputs at nodes, by name: (n, rows, cols) of matrices, (n, rows) of columns."""
 
     def __init__(self, function: cs.Function, *arguments: Array) -> None:
-        self._batch = Vectorised(function)
-        self._nonzeros = dict(zip(self._batch.names, self._batch.nonzeros(*arguments), strict=True))
+        self._function = Vectorised(function)
+        self._nonzeros = dict(zip(self._function.names, self._function.nonzeros(*arguments), strict=True))
 
     def __getitem__(self, name: str) -> Array:
-        return self._batch.filled(name, self._nonzeros[name])
+        return self._function.filled(name, self._nonzeros[name])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._nonzeros)
@@ -312,7 +312,7 @@ class _Values(Mapping[str, Array]):
 
     @property
     def is_finite(self) -> bool:
-        """Whether all of them are."""
+        """Whether all values are finite."""
         return all(np.all(np.isfinite(values)) for values in self._nonzeros.values())
 
 

@@ -1,7 +1,7 @@
 """The compiler: from a declaration to flat phases of numbers and functions.
 
-Generated functions depend on the structure of the declaration alone (models, modes, which terms there are); all
-numbers, timings and contact sets are parameters, so declarations of equal structure share the generated functions.
+Generated functions depend only on the structure of the declaration: its models, modes and terms. All numbers, times and
+contact sets are parameters, so declarations of equal structure share the generated functions.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from .finite import check_numbers
 from .lowering import LEFT_OUT, lower_mode
 from .mode import LoweredMode
 from .numbers import Numbers
-from .timeline import HorizonPhase, check_passed, covers, lay
+from .timeline import HorizonPhase, check_phase_ends, covers, horizon_phases
 from .transition import LoweredTransition, lower_transition
 from .vectorised import Vectorised
 
@@ -52,12 +52,12 @@ Array = NDArray[np.float64]
 Term = Cost | Constraint
 
 RUNNING = frozenset[At]({"running"})
-"""The terms that hold at a stage."""
+"""The values of ``at`` of terms that apply at a stage."""
 
 
 @dataclass(frozen=True)
 class _Structure:
-    """What generated functions depend on; equal structures share them. ``terms`` are one example of the structure."""
+    """Everything that the functions of a mode depend on; equal structures share them, also if ``terms`` differ."""
 
     model: ModelBase
     key: str
@@ -72,8 +72,8 @@ def _lower(structure: _Structure) -> LoweredMode:
 
 
 @dataclass(frozen=True)
-class _Link:
-    """A transition between two models."""
+class _Transition:
+    """Everything that the functions of a transition depend on; equal ones share them."""
 
     source: ModelBase
     key: str
@@ -83,8 +83,8 @@ class _Link:
 
 
 @lru_cache(maxsize=64)
-def _link(link: _Link) -> LoweredTransition:
-    return lower_transition(link.source, link.key, link.target, link.user, link.where)
+def _lower_transition(of: _Transition) -> LoweredTransition:
+    return lower_transition(of.source, of.key, of.target, of.user, of.where)
 
 
 def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -> CompiledProblem:
@@ -92,19 +92,20 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
 
     Args:
         problem: the declaration.
-        t0: start of the horizon in the motion's time [s]; snaps to the first model's dt.
-        checks: whether to evaluate everything at the initial guess and refuse NaN, controls without cost, etc.
+        t0: start of the horizon in the motion's time [s], rounded to a multiple of the first model's dt.
+        checks: whether to evaluate all functions at the initial guess, and to raise for NaN and for controls without
+            cost.
 
     Raises:
         ProblemError: the declaration is inconsistent; the message names the place in the user's file.
     """
     began = time.perf_counter()
-    misses = _lower.cache_info().misses + _link.cache_info().misses
+    misses = _lower.cache_info().misses + _lower_transition.cache_info().misses
     compilation = Compilation(problem)
-    spans = lay(compilation.path, problem.schedule, t0)
+    spans = horizon_phases(compilation.path, problem.schedule, t0)
     phases = tuple(compilation.phase(i, spans) for i in range(len(spans)))
     compilation.check_bound(phases, complete=covers(problem.motion, spans))
-    built = _lower.cache_info().misses + _link.cache_info().misses - misses
+    built = _lower.cache_info().misses + _lower_transition.cache_info().misses - misses
     compiled = CompiledProblem(
         phases=phases,
         initial=problem.initial,
@@ -160,7 +161,7 @@ class Compilation:
         n = span.num_stages
         times: Array = span.start + segment.dt * np.arange(n + 1.0)
         placed = self.path.intervals(span.end)
-        check_passed(span, placed)
+        check_phase_ends(span, placed)
         inside = [span.interval_at(t, placed) for t in times[:-1]]
         inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else span.interval)
         samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
@@ -196,7 +197,7 @@ class Compilation:
         )  # fmt: skip
 
     def mode(self, span: HorizonPhase) -> LoweredMode:
-        """Return the lowered mode of a span."""
+        """Return the lowered mode of a part of the horizon."""
         segment, model = span.segment, span.model
         key = model.mode_key(self.resolve(model, span.interval.phase))
         if (segment, key) not in self._lowered:
@@ -211,27 +212,27 @@ class Compilation:
         return tuple(term.structure() for term in self.terms)
 
     def weights(self, mode: LoweredMode) -> tuple[Vectorised, Vectorised]:
-        """Return what gives the weights and masks of a mode's stages and of its last nodes."""
+        """Return the functions of weights and masks: that of a mode's stages, and that of its last nodes."""
         if mode not in self._weights:
             self._weights[mode] = Vectorised(mode.functions["stage_w"]), Vectorised(mode.functions["terminal_w"])
         return self._weights[mode]
 
     def resolve(self, model: ModelBase, phase: Phase) -> Hashable:
-        """Return a phase's mode in a model's terms; errors name the phase."""
+        """Return a phase's mode in the model's own form; errors name the phase."""
         try:
             return model.resolve(phase.mode)
         except (ModelError, ProblemError) as error:
             raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
 
     def neighbour(self, model: ModelBase, interval: PlacedPhase | None) -> Hashable | None:
-        """Return the mode of a phase before or after in a model's terms; None if it has none or another model's."""
+        """Return the mode of a phase before or after, in the model's own form; None if the model has no such mode."""
         try:
             return None if interval is None else model.resolve(interval.phase.mode)
         except (ModelError, ProblemError):
             return None
 
     def node(self, span: HorizonPhase, t: float, interval: PlacedPhase, sample: Sample, *, is_end: bool) -> Node:
-        """Return the context in which a model is asked its numbers."""
+        """Return the node for which a model returns the values of its slots."""
         model = span.model
         key = (model, interval.piece, interval.index)
         if key not in self._modes:
@@ -247,14 +248,14 @@ class Compilation:
     def transition(
         self, span: HorizonPhase, follower: HorizonPhase | None, key: str, sample: Sample
     ) -> tuple[LoweredTransition | None, Array, bool]:
-        """Return the transition to the next span, its parameters and whether it does anything."""
+        """Return the transition to the next phase, its parameters and whether it changes the state."""
         if follower is None:
             return None, np.zeros(0), False
         model, ending = span.model, self.path.interval_before(span.end)
         phase = ending.phase
         user = phase.reset if span.ends_phase else None
         where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
-        lowered = _link(_Link(model, key, follower.model, user, where))
+        lowered = _lower_transition(_Transition(model, key, follower.model, user, where))
         node = self.node(span, span.end, ending, sample, is_end=True)
         moves = user is not None or model is not follower.model or model.lands(node)
         return lowered, self.numbers.of_transition(lowered, span.segment.dt, node), moves
@@ -262,20 +263,20 @@ class Compilation:
     # ---- the initial guess
 
     def guess(self, model: ModelBase, span: HorizonPhase, samples: list[Sample], is_first: bool) -> tuple[Array, Array]:
-        """Return states and controls along the path; what it lacks keeps its start (or is zero)."""
+        """Return states and controls along the path; a state without targets keeps its initial value (or is zero)."""
         rows: dict[Quantity, Array] = {}
         for block in model.state.blocks:
-            still = self.start.get(block.quantity)
-            if still is None:
-                still = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
-            rows[block.quantity] = np.array([sample.get(block.quantity, still) for sample in samples], dtype=float)
+            initial = self.start.get(block.quantity)
+            if initial is None:
+                initial = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
+            rows[block.quantity] = np.array([sample.get(block.quantity, initial) for sample in samples], dtype=float)
         states = model.state.np_normalise(model.state.pack(rows))
         if is_first:
             states[0] = self.problem.initial
         return states, self.controls(model, samples[:-1])
 
     def controls(self, model: ModelBase, samples: list[Sample]) -> Array:
-        """Return the controls that the path names at samples, else the model's own guess, else zero, (N, nu)."""
+        """Return the controls at samples, (N, nu): from the path, else from the model's own guess, else zero."""
         if not model.control.blocks:
             return np.zeros((len(samples), 0))
         known = [{**model.control_guess(sample), **sample} for sample in samples]
@@ -285,14 +286,14 @@ class Compilation:
         }
         return model.control.pack(rows)
 
-    # ---- what was declared and applies nowhere
+    # ---- terms and parameters that apply nowhere
 
     def check_bound(self, phases: tuple[CompiledPhase, ...], *, complete: bool) -> None:
         """Raise for terms and parameters that apply nowhere.
 
         Args:
             phases: the horizon.
-            complete: whether it covers the whole motion; otherwise a term may apply in another part of it.
+            complete: whether the horizon covers the whole motion; if not, a term may apply in another part of it.
         """
         modes = dict.fromkeys(phase.mode for phase in phases)
         for k, term in enumerate(self.terms):
@@ -303,8 +304,8 @@ class Compilation:
             if binds:
                 names = ", ".join(dict.fromkeys(f"'{phase.name}'" for phase in phases))
                 whys.append(
-                    f"it is meant for {_phases_of(term)} at '{term.at}', and no such phase among {names} has a model "
-                    "with it"
+                    f"it is declared for {_phases_of(term)} at '{term.at}', and no such phase among {names} has a "
+                    "model that supplies it"
                 )
             raise nowhere(term, whys)
         for key, (name, _) in self.numbers.replaced.items():
@@ -314,7 +315,7 @@ class Compilation:
 
 
 def nowhere(term: Term, whys: Iterable[str]) -> ProblemError:
-    """Return the error of a term that applies nowhere, for some reasons."""
+    """Return the error of a term that applies nowhere, with the reasons."""
     return ProblemError(
         f"term '{term.name}' ({term.source}): applies nowhere - got {'; '.join(whys)}, expected at least one model and "
         "phase; correct it or remove it"
@@ -325,6 +326,6 @@ def _phases_of(term: Term) -> str:
     if term.when is None:
         return "every phase"
     if callable(term.when):
-        return "phases that its when= picks"
+        return "phases that its when= selects"
     names = (term.when,) if isinstance(term.when, str) else term.when
     return "phase " + " or ".join(f"'{name}'" for name in names)

@@ -1,4 +1,4 @@
-"""The compiled problem: flat phases of numbers and functions, the seam between language and solvers."""
+"""The compiled problem: flat phases of numbers and functions, the interface between language and solvers."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CompiledProblem:
-    """Flat phases, the initial state and the terms that their rows come from.
+    """Flat phases, the initial state, and the terms of their rows.
 
     Args:
-        phases: in the order of time.
+        phases: the phases, in the order of time.
         initial: initial state (nx,).
         terms: costs and constraints; rows refer to them by index.
-        scopes: per term the motion phase that declares it, None for terms of the whole problem.
+        scopes: per term the motion phase that declares it; None for terms of the whole problem.
         path: the targets over time.
         unbound: per (model name, term index) why a term is not in that model.
-        changing: slots of models that follow from the motion, node by node.
-        lowered: how many modes and transitions had to be built for this problem (0: everything was known).
+        changing: slots of models whose values follow from the motion at each node.
+        lowered: number of modes and transitions that were built for this problem; 0 if all were in the cache.
         compile_s: time spent compiling [s].
     """
 
@@ -64,8 +64,8 @@ class CompiledProblem:
         names.
 
         Args:
-            values: name → value, as many entries as it has now; a bound may be infinite for none.
-            named: the same as keywords, for names that are words.
+            values: name → value, with as many entries as now; an infinite bound is no bound.
+            named: the same as keywords, for names that are Python identifiers.
 
         Raises:
             UnknownNameError: there is no such parameter; the message lists those that exist.
@@ -74,15 +74,15 @@ class CompiledProblem:
                 follows from the motion.
         """
         where, known = "compiled problem", self.parameters
-        given = merged(values, named, where)
-        checked = {known.key(name, where): known.check(name, value, where) for name, value in given.items()}
+        new = merged(values, named, where)
+        checked = {known.key(name, where): known.check(name, value, where) for name, value in new.items()}
         return instance(self, checked, self.initial)
 
     def with_start(self, initial: ArrayLike) -> CompiledProblem:
-        """Return the problem from another initial state (nx,), with the same targets and the same initial guess.
+        """Return the problem with another initial state (nx,), with the same targets and the same initial guess.
 
-        A start beside the declared one is drawn back to the declared path. :meth:`Problem.with_initial` moves the path
-        with the start instead.
+        From another start, the costs lead back to the declared path. In :meth:`Problem.with_initial` the path begins at
+        the new initial state instead.
 
         Raises:
             ShapeError: the initial state has another size.
@@ -98,7 +98,7 @@ class CompiledProblem:
         """Return a row's full name: term, component and side."""
         return " ".join(part for part in (self.term_name(row), row.label, row.side) if part)
 
-    if not TYPE_CHECKING:  # for mypy no attribute is there
+    if not TYPE_CHECKING:  # mypy still reports the old names as unknown
         __getattr__ = renamed_members(
             "CompiledProblem",
             {"numbers": "parameters", "with_numbers": "with_parameters(values), and with_start(initial) after it"},
@@ -106,12 +106,12 @@ class CompiledProblem:
 
 
 def instance(compiled: CompiledProblem, values: Mapping[ParameterKey, Array], initial: Array) -> CompiledProblem:
-    """Return a problem with other values of parameters and another initial state, both checked already.
+    """Return a problem with other values of parameters and another initial state, which have been checked.
 
     Args:
         compiled: the problem.
-        values: key → value (size,), of :meth:`Parameters.key` and :meth:`Parameters.check`.
-        initial: of :func:`initial_state`; targets and initial guess stay.
+        values: key → value (size,), from :meth:`Parameters.key` and :meth:`Parameters.check`.
+        initial: result of :func:`initial_state`. Targets stay, and the initial guess except for its first state.
 
     Raises:
         ProblemError: bounds exclude each other.

@@ -1,4 +1,4 @@
-"""Compiled phases: what the solvers see of a part of the horizon."""
+"""Compiled phases: the parts of the horizon, as solvers use them."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ class CompiledPhase:
         name: the motion phase's name.
         label: the mode as text.
         interval: the motion phase (the first one, if a model spans several).
-        mode: functions.
+        mode: the functions.
         dt: time step [s].
         times: node times (N+1,) [s].
         p: parameters of the stages (N, np).
         p_end: parameters of the last node (np,).
-        applies: which terms count at which node (N+1, terms); weights and targets may change where they do.
-        weight: residual weights of the stages (N, nr), masks folded in.
+        applies: whether each term has an effect at each node (N+1, terms), see ``Cost.counts_in``; new weights and
+            targets are written where it has.
+        weight: residual weights of the stages times their masks (N, nr).
         g_mask: 0 or 1 per stage and inequality row (N, ng).
         h_mask: the same for equalities (N, nh).
         end_weight, end_g_mask, end_h_mask: the same for the last node's rows.
@@ -64,5 +65,5 @@ class CompiledPhase:
 
     @property
     def num_stages(self) -> int:
-        """N."""
+        """Number of stages N."""
         return len(self.p)

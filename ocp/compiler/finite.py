@@ -1,4 +1,4 @@
-"""Numbers of a compiled problem that are not finite, or no masks, by the name of what they belong to."""
+"""Check that the numbers of a compiled problem are finite, and its masks 0 or 1; errors name the declaration."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def check_numbers(compiled: CompiledProblem) -> None:
             name = f"{owner}phase {i} '{phase.name}' ({phase.interval.phase.source}), node {first + node}: {what}"
             if what == "mask" and np.isfinite(array[node, entry]):
                 raise ProblemError(
-                    f"{name} is not one - got {array[node, entry]} at entry {entry}, expected 0 or 1; a constraint "
-                    "holds or does not: scale its rows instead"
+                    f"{name} is invalid - got {array[node, entry]} at entry {entry}, expected 0 or 1; scale the rows "
+                    "of the constraint instead"
                 )
             raise _error(name, entry, array[node, entry])
 
 
 def _declared(compiled: CompiledProblem, key: ParameterKey, model: str) -> str:
-    """Return what a part of a parameter vector was declared as, with file and line."""
+    """Return the declaration of a part of a parameter vector, with file and line."""
     if key.term is not None:
         return f"{compiled.terms[key.term].where}: {key.name or key.kind}"
     if key.kind == "parameter":
@@ -69,7 +69,7 @@ def _parameters(phase: CompiledPhase) -> Iterator[tuple[str, Layout, int, Array]
 
 
 def _tables(phase: CompiledPhase) -> Iterator[tuple[str, int, Array, tuple[Row, ...]]]:
-    """Yield what, first node, table and the rows of its columns, of everything else that is a number."""
+    """Yield kind, first node, table and the rows of its columns, for all other numbers."""
     n, rows = phase.num_stages, phase.mode.rows
     yield "weight", 0, phase.weight, rows["stage_residual"]
     yield "mask", 0, phase.g_mask, rows["stage_g"]

@@ -1,4 +1,4 @@
-"""CasADi functions as the solvers take them: dense columns, matrices of structural nonzeros."""
+"""CasADi functions in the form that solvers use: dense columns and sparse matrices."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _SMOOTH = {
     cs.OP_INPUT, cs.OP_CONST, cs.OP_OUTPUT, cs.OP_ASSIGN, cs.OP_ADD, cs.OP_SUB, cs.OP_MUL, cs.OP_DIV, cs.OP_NEG,
     cs.OP_SQ, cs.OP_TWICE, cs.OP_INV, cs.OP_SIN, cs.OP_COS, cs.OP_EXP,
 }  # fmt: skip
-"""Operations whose derivatives are finite wherever they are themselves."""
+"""Operations whose derivatives are finite wherever their values are."""
 
 
 def is_smooth(function: cs.Function) -> bool:
@@ -25,9 +25,10 @@ def make_function(name: str, inputs: dict[str, cs.SX], columns: dict[str, cs.SX]
 def make_derivatives(
     name: str, inputs: dict[str, cs.SX], matrices: dict[str, cs.SX], columns: dict[str, cs.SX] | None = None
 ) -> cs.Function:
-    """Return a function whose outputs are matrices of structural nonzeros, mostly zeros otherwise, then dense columns.
+    """Return a function whose outputs are sparse matrices (structural nonzeros only), then dense columns.
 
-    Common subexpressions stay: to find the last twentieth of them takes longer than all the rest of the lowering.
+    Common subexpressions are not removed: the search for the last twentieth of them takes longer than all the rest of
+    the lowering.
     """
     outs = {k: cs.sparsify(value) for k, value in matrices.items()}
     outs |= {k: cs.densify(value) for k, value in (columns or {}).items()}

@@ -1,4 +1,4 @@
-"""Layouts: where the parameters are in a node's parameter vector ``p``."""
+"""Layouts: the position of each parameter in a node's parameter vector ``p``."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class Layout:
         parts: (key, size) in order.
 
     Attributes:
-        slices: where each parameter is.
-        slots: where the slots of the model are, by their names.
-        size: of the whole vector.
+        slices: the slice of each parameter.
+        slots: the slices of the model's slots, by their names.
+        size: size of the whole vector.
     """
 
     def __init__(self, parts: Iterable[tuple[ParameterKey, int]]) -> None:
@@ -31,5 +31,5 @@ class Layout:
         self.size = end
 
     def of_model(self, p: cs.SX) -> dict[str, cs.SX]:
-        """Return the parts of a CasADi vector that the model sees, by its own names: its slots and ``"dt"``."""
+        """Return the parts of a CasADi vector that the model uses, by its own names: its slots and ``"dt"``."""
         return {**{name: p[part] for name, part in self.slots.items()}, "dt": p[self.slices[TIME_STEP]]}

@@ -16,7 +16,7 @@ from .rows import Rows, TermBinder
 from .symbols import NodeSymbols
 
 LEFT_OUT = "left out by the schedule"
-_FEW = 16  # names that are listed
+_FEW = 16  # at most this many names are listed
 
 Groups = dict[str, list[Rows]]
 
@@ -25,13 +25,13 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
     """Return the lowered mode.
 
     Args:
-        model: whose mode it is.
+        model: the model.
         key: the mode.
-        terms: the problem's.
-        excluded: those that the schedule leaves out, by index.
+        terms: the problem's terms.
+        excluded: indices of the terms that the schedule leaves out.
 
     Raises:
-        ProblemError, ShapeError: a term or the model is unusable; the message tells where it is declared.
+        ProblemError, ShapeError: a term or the model is unusable; the message names the declaration.
     """
     symbols = NodeSymbols(model, model.implicit_size(key))
     x, u, z = symbols.x, symbols.u, symbols.z
@@ -88,7 +88,7 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
 def _functions(
     model: ModelBase, key: str, dynamics: Dynamics, symbols: NodeSymbols, stage: Groups, terminal: Groups
 ) -> Mapping[str, cs.Function]:
-    """Return the mode's functions, named after the table of :mod:`.mode`."""
+    """Return the mode's functions, with the names of the table in :mod:`.mode`."""
     x, p = symbols.x, symbols.p
     xuzp = {"x": x, "u": symbols.u, "z": symbols.z, "p": p}
     rows = {k: _stack([piece.value for piece in v]) for k, v in stage.items()}
@@ -112,7 +112,7 @@ def _derivatives(
     x, u, z, p, state = symbols.x, symbols.u, symbols.z, symbols.p, model.state
     K, r0 = affine(dynamics.implicit, z, f"model '{model.name}', mode '{key}'")
     xn, dx = cs.SX.sym("xn", state.nx), cs.SX.sym("dx", state.ndx)
-    # Derivatives by the tangent go through x + E(x) dx at dx = 0; least squares need no second ones (Gauss-Newton).
+    # Derivatives by the tangent are those of x + E(x) dx at dx = 0; Gauss-Newton needs no second derivatives.
     groups = [dynamics.implicit, state.minus(dynamics.next_state, xn), rows["residual"], rows["g"], rows["h"]]
     by_w, by_z = tangent_jacobians(groups, state, x, dx, u, z)
     end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
@@ -133,7 +133,7 @@ def _derivatives(
 
 
 def _cannot(model: ModelBase, error: UnknownNameError) -> str:
-    """Return why a model cannot supply what a term speaks of."""
+    """Return why a model cannot supply the quantities of a term."""
     if error.what == "component":
         has = f" (it has {', '.join(error.known)})" if len(error.known) <= _FEW else ""
         return f"{error.where} of model '{model.name}' has no component '{error.name}'{error.hint or has}"

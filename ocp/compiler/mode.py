@@ -1,22 +1,22 @@
-"""Lowered modes: one mode of a model and the terms that bind there, as pure CasADi functions.
+"""Lowered modes: one mode of a model and its bound terms, as CasADi functions.
 
-The functions of a mode, with w = (δx, u) and d = f ⊖ x_next (δx is taken at zero, through the manifold):
+The functions of a mode, with w = (δx, u) and d = f ⊖ x_next; derivatives are those at x ⊕ δx with δx = 0:
 
 =============  ============================================  ====================================================
 implicit       (x, u, p)         → K, r0                     the implicit part r = r0 + K z, z = −K⁻¹ r0
 stage          (x, u, z, p)      → x_next, residual, g, h    one stage; rows of running terms
 stage_d        (x, u, z, p, xn)  → r_w, and d, residual, g,
                                    h by w and by z
-guess_d        as stage_d        → the same but for what is finite wherever x, u and z are, which is zero
-stage_w        (p)               → weight, g_mask, h_mask    numbers per row; a masked row counts for nothing
+guess_d        as stage_d        → as stage_d                r_w by x is zero if it is finite wherever x, u, z are
+stage_w        (p)               → weight, g_mask, h_mask    numbers per row; a row with mask 0 has no effect
 terminal       (x, p)            → residual, g, h            the last node of a phase
 terminal_d     (x, p)            → residual_x, g_x, h_x
 terminal_w     (p)               → weight, g_mask, h_mask
 outputs        (x, u, z, p)      → recorded quantities
 =============  ============================================  ====================================================
 
-Inequalities are g ≥ 0, already divided by the row's scale, as equalities are. A mode of a model without derivatives has
-neither implicit, stage_d and terminal_d nor x_next: its step is the simulator's.
+Inequalities are g ≥ 0. Inequalities and equalities are divided by the row's scale. A mode of a model without
+derivatives has no implicit, stage_d, guess_d, terminal_d and no x_next: the simulator makes its step.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Row:
         term: index into the problem's terms; -1 for rows that the model derives (switching).
         label: name of the component.
         unit: its unit.
-        scale: what the raw SI amount was divided by.
+        scale: divisor of the value in SI units.
         side: ``"lower"`` or ``"upper"`` of an inequality.
         rotates: whether it is a component of a rotation's difference.
     """

@@ -1,4 +1,4 @@
-"""Numbers of a mode's nodes over time, for those who walk along a motion: a sampling controller asks at every step."""
+"""Numbers of the nodes along a motion, for sampling controllers, which use some of them at every step."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class NodeNumbers:
 
     Args:
         p: parameters (S, np).
-        weight: residual weights (S, nr), masks folded in.
+        weight: residual weights times their masks (S, nr).
         g_mask: 0 or 1 per inequality row (S, ng).
         h_mask: the same for equalities (S, nh).
     """
@@ -39,16 +39,16 @@ class NodeNumbers:
 
 
 class Nodes:
-    """The nodes of a problem whose schedule is one model that contact changes do not cut; filled as they are asked for.
+    """The nodes of a problem with one model that has one phase for all modes; their numbers are computed on first use.
 
-    Node k is at time ``k dt`` since the motion's start, which the problem's initial state marks.
+    Node k is at time ``k dt`` since the motion's start. Node 0 has the problem's initial state.
 
     Args:
         problem: the declaration.
 
     Raises:
-        ProblemError: the schedule has several models or one that modes cut, or a term speaks of what the model cannot
-            supply, or holds at phases' ends.
+        ProblemError: the schedule has several models, or a model with a phase per mode, or a term needs a quantity that
+            the model cannot supply, or applies at phases' ends.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -56,24 +56,24 @@ class Nodes:
         if len(problem.schedule.segments) > 1 or model_of(segment).cut_by_modes:
             names = " + ".join(s.model.name for s in problem.schedule.segments)
             raise ProblemError(
-                f"problem ({problem.source}): its schedule cannot be walked along - got {names}, expected one model "
-                "that contact changes do not cut; schedule models.Mujoco(robot).over(duration, dt) alone"
+                f"problem ({problem.source}): its schedule cannot be sampled - got {names}, expected one model that "
+                "has one phase for all modes; schedule only models.Mujoco(robot).over(duration, dt)"
             )
         self.problem, self.model, self.dt = problem, model_of(segment), segment.dt
         self._compilation = Compilation(problem)
         self._path = self._compilation.path
         self.terms = self._compilation.terms
         first = self._path.interval_at(0.0)
-        self._stretch = HorizonPhase(segment, first, 0.0, 1, False, None)
-        self.mode: LoweredMode = self._compilation.mode(self._stretch)
+        self._horizon_phase = HorizonPhase(segment, first, 0.0, 1, False, None)
+        self.mode: LoweredMode = self._compilation.mode(self._horizon_phase)
         for k, why in self.mode.unbound.items():
             if why != LEFT_OUT:
                 raise nowhere(self.terms[k], [why])
-        self._refuse_phase_ends(segment.excluded)
+        self._check_phase_ends(segment.excluded)
         self._weights = self._compilation.weights(self.mode)
         self._rows: list[tuple[Array, Array, Array, Array]] = []
         self._samples: list[Sample] = []
-        self._fill(1)  # what weights and bounds refuse, they refuse now
+        self._fill(1)  # so that errors in weights and bounds are raised here
 
     @property
     def duration(self) -> float:
@@ -81,13 +81,13 @@ class Nodes:
         return self.problem.motion.duration
 
     def running(self, first: int, count: int) -> NodeNumbers:
-        """Return the numbers of nodes ``first`` to ``first + count - 1`` as stages; past the motion's end, its last."""
+        """Return the numbers of ``count`` nodes as stages, from node ``first``; the last node repeats at the end."""
         self._fill(first + count)
         p, weight, g_mask, h_mask = (np.array(part) for part in zip(*self._rows[first : first + count], strict=True))
         return NodeNumbers(p, weight, g_mask, h_mask)
 
     def end(self, k: int) -> NodeNumbers:
-        """Return the numbers of node k as the horizon's last, terms ``at="end"`` included; each of one row, S = 1."""
+        """Return the numbers of node k as the last of the horizon, with terms ``at="end"``; S = 1."""
         p = self._of_node(k, _ENDING)[None]
         weight, g_mask, h_mask = self._weights[1](p)
         return NodeNumbers(p, weight, g_mask, h_mask)
@@ -131,11 +131,11 @@ class Nodes:
         t = self._time(k)
         interval = self._path.interval_at(t)
         sample = self._samples[k] if k < len(self._samples) else self._path.sample(t, interval)
-        node = self._compilation.node(self._stretch, t, interval, sample, is_end=False)
+        node = self._compilation.node(self._horizon_phase, t, interval, sample, is_end=False)
         row: Array = self._compilation.numbers.of_nodes(self.mode, self.dt, [node], interval.phase, here)[0]
         return row
 
-    def _refuse_phase_ends(self, excluded: tuple[object, ...]) -> None:
+    def _check_phase_ends(self, excluded: tuple[object, ...]) -> None:
         for k in self.mode.bound:
             term = self._compilation.terms[k]
             if term.at == "phase_end" and term not in excluded:

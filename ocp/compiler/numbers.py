@@ -36,7 +36,7 @@ Term = Cost | Constraint
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A term's parts of ``p``: what scales it (weight or active), its target, and names of its components."""
+    """A term's parts of ``p``: its weight or its active flag, its target, and the names of its components."""
 
     k: int
     term: Term
@@ -47,7 +47,7 @@ class _Part:
 
 @dataclass(frozen=True, eq=False)
 class _OfMode:
-    """What the nodes of a mode share: parameters, (np,), and where those are that depend on the phase."""
+    """The common numbers of the nodes of a mode: parameters, (np,), and the parts that depend on the phase."""
 
     p: Array
     parts: tuple[_Part, ...]
@@ -55,7 +55,7 @@ class _OfMode:
 
 @dataclass(frozen=True, eq=False)
 class _Tracked:
-    """A cost whose target follows the path: where in ``p`` it goes, and the names of its components."""
+    """A cost whose target follows the path: the part of ``p`` for the target, and the names of its components."""
 
     term: Cost
     part: slice
@@ -64,7 +64,7 @@ class _Tracked:
 
 @dataclass(frozen=True, eq=False)
 class _OfPhase:
-    """What the nodes of a phase share: parameters, (np,), targets still to fill in, which terms count, (terms,)."""
+    """The common numbers of the nodes of a phase: parameters, (np,), targets that differ by node, active terms."""
 
     p: Array
     tracked: tuple[_Tracked, ...]
@@ -72,11 +72,11 @@ class _OfPhase:
 
 
 class Numbers:
-    """Fills parameter vectors; what does not change within a mode or a phase is worked out once.
+    """Fills parameter vectors; numbers that do not change in a mode or a phase are computed once.
 
     Args:
         terms: the problem's costs and constraints, those of phases included.
-        scopes: per term the phase that declares it, None for all.
+        scopes: per term the phase that declares it; None for terms of the whole problem.
         replaced: name and value of the parameters that replace declared ones.
         where: the problem, for messages.
     """
@@ -98,14 +98,14 @@ class Numbers:
         self._set: set[tuple[ModelBase, str]] = set()
 
     def of_nodes(self, mode: LoweredMode, dt: float, nodes: Sequence[Node], phase: Phase, here: frozenset[At]) -> Array:
-        """Return the parameters of nodes of one phase at which the same terms hold, (n, np).
+        """Return the parameters of nodes of one phase at which the same terms apply, (n, np).
 
         Args:
             mode: the lowered mode.
             dt: time step [s].
-            nodes: what the model is asked with.
+            nodes: the nodes.
             phase: their motion phase.
-            here: which terms hold: running ones, those of a phase's end, those of the horizon's end.
+            here: the values of ``at`` of the terms that apply: running, at the phase's end, at the horizon's end.
         """
         shared = self._shared(mode, phase, here)
         p: Array = np.tile(shared.p, (len(nodes), 1))
@@ -117,7 +117,7 @@ class Numbers:
         return p
 
     def counts(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> NDArray[np.bool_]:
-        """Return which terms count at such nodes, (terms,)."""
+        """Return whether each term has an effect at such nodes, (terms,); see ``Cost.counts_in``."""
         return self._shared(mode, phase, here).counts
 
     def of_transition(self, transition: LoweredTransition, dt: float, node: Node) -> Array:
@@ -130,11 +130,11 @@ class Numbers:
         return p
 
     def weights(self, k: int, phase: str, labels: tuple[str, ...]) -> Array:
-        """Return the weights of cost k in a phase of this name, one per row: replaced ones or those declared."""
+        """Return the weights of cost k in a phase of this name, one per row: the new ones, else the declared ones."""
         term = self.terms[k]
         assert isinstance(term, Cost)  # constraints have none
         if self.replaced and term.counts_in(phase) and (key := ParameterKey("weight", term=k)) in self.replaced:
-            return self._given(key, len(labels))
+            return self._new_value(key, len(labels))
         return term.weights(phase, labels)
 
     def _shared(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
@@ -144,9 +144,9 @@ class Numbers:
 
     def _value(self, key: ParameterKey, declared: Array) -> Array:
         """Return the value of a parameter: the one that replaces it, or the declared one."""
-        return self._given(key, declared.size) if key in self.replaced else declared
+        return self._new_value(key, declared.size) if key in self.replaced else declared
 
-    def _given(self, key: ParameterKey, size: int) -> Array:
+    def _new_value(self, key: ParameterKey, size: int) -> Array:
         """Return the value that replaces a parameter, (size,)."""
         self.used.add(key)
         name, value = self.replaced[key]
@@ -158,7 +158,7 @@ class Numbers:
         """Write the values of a model's slots that do not depend on the node."""
         for slot in model.slots:
             key = ParameterKey("slot", slot.name, model=model.name)
-            p[layout.slices[key]] = self._given(key, slot.size) if key in self.replaced else slot.default
+            p[layout.slices[key]] = self._new_value(key, slot.size) if key in self.replaced else slot.default
 
     def _put_changing(self, p: Array, layout: Layout, model: ModelBase, node: Node) -> None:
         """Write the slots that the model itself sets for a node."""
@@ -186,7 +186,7 @@ class Numbers:
     # ---- terms
 
     def _of_mode(self, mode: LoweredMode) -> _OfMode:
-        """Return what the nodes of a mode share, whichever their phase."""
+        """Return the common numbers of the nodes of a mode, in all phases."""
         p, slices = np.zeros(mode.layout.size), mode.layout.slices
         self._put_model(p, mode.layout, mode.model)
         self._put_user(p, mode.layout, mode.parameters)
@@ -206,14 +206,14 @@ class Numbers:
             if isinstance(term, Constraint):
                 self._put_bounds(p, mode, k, term)
             elif target is not None:
-                p[target.start] = 1.0  # of a rotation the identity
+                p[target.start] = 1.0  # for a rotation, the identity
             factor = ParameterKey("active" if isinstance(term, Constraint) else "weight", term=k)
             parts.append(_Part(k, term, slices[factor], target, tuple(labels[k])))
         check_bounds(mode, self.terms, p[None])
         return _OfMode(p, tuple(parts))
 
     def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
-        """Return what the nodes of a phase share, and which targets are still to be filled in."""
+        """Return the common numbers of the nodes of a phase, and the targets that differ by node."""
         if mode not in self._modes:
             self._modes[mode] = self._of_mode(mode)
         shared = self._modes[mode]
@@ -250,16 +250,16 @@ class Numbers:
         """Return a cost's own target, (size,).
 
         Args:
-            k: its index.
+            k: index of the cost.
             term: the cost.
-            size: stored entries, 4 for a rotation.
+            size: number of stored entries, 4 for a rotation.
             labels: names of the components of a difference.
         """
         assert term.target is not None  # else it follows the path
         rotates = len(labels) < size
         if self.replaced and (key := ParameterKey("target", term=k)) in self.replaced:
             if not rotates:
-                return self._given(key, size)
+                return self._new_value(key, size)
             raise ProblemError(
                 f"{self.where}, parameter '{self.replaced[key][0]}': is the target of a rotation - got a value for it, "
                 "expected none; declare the term with another to="
@@ -271,7 +271,7 @@ class Numbers:
         return value / np.linalg.norm(value) if rotates else value
 
     def _followed(self, each: _Tracked, nodes: Sequence[Node]) -> Array:
-        """Return the path's targets of a cost at nodes, (n, size); of a rotation unit quaternions."""
+        """Return the path's targets of a cost at nodes, (n, size); for a rotation, unit quaternions."""
         term, size = each.term, each.part.stop - each.part.start
         quantity = term.quantity
         assert quantity is not None  # only tracked quantities have a target slot
@@ -279,7 +279,7 @@ class Numbers:
         for row, node in zip(values, nodes, strict=True):
             found = node.sample.get(quantity)
             if found is None:
-                found = next((given for q, given in node.sample.items() if q.path == quantity.path), None)
+                found = next((value for q, value in node.sample.items() if q.path == quantity.path), None)
             if found is None:
                 raise ProblemError(
                     f"term '{term.name}' ({term.source}): the motion has no target for it - got targets "
@@ -291,7 +291,7 @@ class Numbers:
 
 
 def _sized(term: Cost, value: Array, size: int, labels: tuple[str, ...]) -> Array:
-    """Return a target; raise if it has not ``size`` entries."""
+    """Return a target; raise if its number of entries is not ``size``."""
     if np.size(value) != size:
         names = "roll, pitch, yaw" if len(labels) < size else ", ".join(labels)
         raise ShapeError(

@@ -1,4 +1,4 @@
-"""Parameters of a compiled problem: the dictionary of what may change, by name, with sizes and present values."""
+"""Parameters of a compiled problem: the numbers that can change, by name, with sizes and present values."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Array = NDArray[np.float64]
 class Parameters(Mapping[str, Array]):
     """The parameters of a compiled problem: name → present value (size,).
 
-    The names are those of :meth:`Problem.with_parameters`. What follows from the motion node by node (contacts,
-    footholds, targets along the path) is not among them. Of a parameter that differs from phase to phase the value is
-    the first; a bound may be infinite.
+    The names are those of :meth:`Problem.with_parameters`. Numbers that follow from the motion at each node (contacts,
+    footholds, targets along the path) are not among them. If a parameter differs by phase, its value is that of the
+    first phase where it applies. A bound may be infinite.
 
     Args:
-        phases: of the compiled problem.
+        phases: the phases of the compiled problem.
         terms: its costs and constraints.
-        changing: slots of models that follow from the motion.
+        changing: slots of models whose values follow from the motion.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Parameters(Mapping[str, Array]):
 
     @cached_property
     def _names(self) -> dict[str, ParameterKey]:
-        """Every name of the declaration, of ``ocp.parameter`` and of slots that follow from the motion, too."""
+        """Every name: of the declaration, of each ``ocp.parameter``, and of slots that follow from the motion."""
         named = {key: name for name, key in parameter_names(self._terms, (p.mode.model for p in self._phases)).items()}
         found: dict[str, ParameterKey] = {}
         for key in self._sizes:
@@ -53,7 +53,7 @@ class Parameters(Mapping[str, Array]):
 
     @cached_property
     def _sizes(self) -> dict[ParameterKey, list[int]]:
-        """Entries of every part of the parameter vectors; a term's may differ between models."""
+        """Sizes of every part of the parameter vectors; those of a term may differ between models."""
         sizes: dict[ParameterKey, list[int]] = {}
         for layout in dict.fromkeys(layout for phase in self._phases for layout in _layouts(phase)):
             for key, part in layout.slices.items():
@@ -61,19 +61,19 @@ class Parameters(Mapping[str, Array]):
         return {key: list(dict.fromkeys(found)) for key, found in sizes.items()}
 
     def _is_rotation(self, key: ParameterKey) -> bool:
-        """Whether a target is a quaternion: it has an entry more than its difference has weights."""
+        """Whether a target is a quaternion: it then has one entry more than the cost has weights."""
         return key.kind == "target" and self._sizes[key] != self._sizes[ParameterKey("weight", term=key.term)]
 
     def key(self, name: str, where: str) -> ParameterKey:
         """Return the key of a parameter.
 
         Args:
-            name: its name.
+            name: the parameter's name.
             where: the declaration or the call, for messages.
 
         Raises:
             UnknownNameError: there is no such parameter; the message lists those that exist.
-            ProblemError: it follows from the motion.
+            ProblemError: its values follow from the motion.
         """
         if name not in self._names:
             raise UnknownNameError(where, "parameter", name, self)
@@ -107,7 +107,7 @@ class Parameters(Mapping[str, Array]):
                         has = table[rows[0], layout.slices[key.has_bound]]
                         value = np.where(has > 0, value, -np.inf if key.kind == "lower" else np.inf)
                     return value
-        return np.zeros(self._sizes[key][0])  # a cost that counts at none of these nodes
+        return np.zeros(self._sizes[key][0])  # a cost that applies at none of these nodes
 
     def __contains__(self, name: object) -> bool:
         return name in self._names and self._names[str(name)] not in self._changing
@@ -123,7 +123,7 @@ class Parameters(Mapping[str, Array]):
 
 
 def follows_from_motion(name: str, where: str) -> ProblemError:
-    """Return the error of a slot that a model sets itself, node by node."""
+    """Return the error of a slot whose values the model sets itself at each node."""
     return ProblemError(
         f"{where}, parameter '{name}': follows from the motion - got a number for it, expected none; change the "
         "motion's phases or targets"
@@ -131,7 +131,7 @@ def follows_from_motion(name: str, where: str) -> ProblemError:
 
 
 def tables(phase: CompiledPhase) -> Iterator[tuple[Layout, Array, NDArray[np.bool_]]]:
-    """Yield layout, parameters (n, np) and which terms count (n, terms), of stages, last node and transition."""
+    """Yield layout, parameters (n, np) and effect of terms (n, terms) of the stages, the last node, the transition."""
     yield phase.mode.layout, phase.p, phase.applies[:-1]
     yield phase.mode.layout, phase.p_end[None], phase.applies[-1:]
     if phase.transition is not None:

@@ -1,4 +1,4 @@
-"""Renumbered phases: a compiled phase with other values of its parameters."""
+"""Compiled phases with other values of their parameters."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def renumbered(phase: CompiledPhase, terms: Sequence[Cost | Constraint], values:
 
     Args:
         phase: the phase.
-        terms: the problem's.
-        values: checked values (size,); those of other models are skipped.
+        terms: the problem's terms.
+        values: checked values (size,); values of other models are ignored.
 
     Raises:
         ProblemError: bounds exclude each other.
@@ -59,11 +59,11 @@ def renumbered(phase: CompiledPhase, terms: Sequence[Cost | Constraint], values:
 
 
 def _evaluate(function: cs.Function, p: Array) -> list[Array]:
-    """Return weights and masks; instances are made in several threads, and buffers are not shared between them."""
-    if not hasattr(_OWN, "functions"):
-        _OWN.functions = lru_cache(maxsize=64)(Vectorised)
-    results: list[Array] = _OWN.functions(function)(p)
+    """Return weights and masks; each thread has its own functions, because a function has its own buffers."""
+    if not hasattr(_PER_THREAD, "functions"):
+        _PER_THREAD.functions = lru_cache(maxsize=64)(Vectorised)
+    results: list[Array] = _PER_THREAD.functions(function)(p)
     return results
 
 
-_OWN = threading.local()
+_PER_THREAD = threading.local()

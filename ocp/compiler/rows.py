@@ -1,4 +1,4 @@
-"""Rows: what a term adds to a mode, as an expression of the node with weights, masks and names."""
+"""Rows: the components of a term in a mode, as an expression of the node, with weights, masks and names."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Rows:
 
     Args:
         value: expression of the node.
-        weight: of a cost's rows; a constraint has none.
-        mask: a row counts where this is one.
+        weight: weights of a cost's rows; None for a constraint.
+        mask: 1 for rows that apply, 0 for others.
         names: one per row.
     """
 
@@ -37,9 +37,9 @@ class TermBinder:
 
     Args:
         model: the node's model.
-        dynamics: its expressions of the symbols.
-        symbols: the node's; terms add their numbers.
-        terms: what ``index`` counts.
+        dynamics: the model's dynamics as expressions of the symbols.
+        symbols: the node's symbols; each bound term adds its parameters to them.
+        terms: the problem's terms.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class TermBinder:
         """Return a term's rows.
 
         Raises:
-            UnknownNameError: the model does not supply what the term speaks of.
+            UnknownNameError: the model does not supply a quantity of the term.
             ProblemError, ShapeError: the term's function, mask or labels are unusable.
         """
         term = self._terms[index]
@@ -68,7 +68,7 @@ class TermBinder:
             labels = tuple(str(i) for i in range(value.numel())) if value.numel() > 1 else ("",)
             mask, unit, rotates = None, cost.unit, False
         if cost.mask is not None:
-            extra = self._stretch(
+            extra = self._repeated(
                 self._evaluate(index, cost.mask, is_mask=True), value.numel(), f"term '{cost.name}' ({cost.source})"
             )
             mask = extra if mask is None else mask * extra
@@ -98,7 +98,7 @@ class TermBinder:
             )
         mask = cs.SX.ones(n) * self._symbols.part(ParameterKey("active", term=index), 1)
         if constraint.mask is not None:
-            mask = mask * self._stretch(self._evaluate(index, constraint.mask, is_mask=True), n, where)
+            mask = mask * self._repeated(self._evaluate(index, constraint.mask, is_mask=True), n, where)
         unit, scale = constraint.unit, constraint.scale
         if constraint.kind == "equality":
             return Rows(value / scale, None, mask, tuple(Row(index, x, unit, scale) for x in labels))
@@ -115,10 +115,9 @@ class TermBinder:
     def _evaluate(self, index: int, function: Any, *, is_mask: bool = False) -> cs.SX:
         """Call a user's function and return its rows as a column; masks get no parameters."""
         term = self._terms[index]
-        given = {} if is_mask else term.parameters
         numbers = {
             name: self._symbols.part(ParameterKey("parameter", name, term=index), value.size)
-            for name, value in given.items()
+            for name, value in ({} if is_mask else term.parameters).items()
         }
         where = f"term '{term.name}' ({term.source})"
         result = call(function, where, self._view, **numbers)
@@ -129,7 +128,7 @@ class TermBinder:
             )
         try:
             rows = column(result)
-        except NotImplementedError as error:  # what CasADi raises for what it cannot convert
+        except NotImplementedError as error:  # CasADi raises this if it cannot convert the result
             raise ProblemError(
                 f"{where}: the function's result is unusable - got {type(result).__name__}, expected a CasADi column; "
                 "return one"
@@ -139,7 +138,7 @@ class TermBinder:
         self._symbols.check(where, rows)
         return cs.densify(rows)
 
-    def _stretch(self, mask: cs.SX, count: int, where: str) -> cs.SX:
+    def _repeated(self, mask: cs.SX, count: int, where: str) -> cs.SX:
         """Return a mask with one entry per row; a mask of fewer entries is repeated blockwise."""
         if count % mask.numel():
             raise ShapeError(

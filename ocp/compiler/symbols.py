@@ -1,4 +1,4 @@
-"""Symbols of a node: state, control, implicit part and parameter vector, and what an expression may depend on."""
+"""Symbols of a node: state, control, implicit part and parameter vector; checks that an expression has no others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .layout import Layout
 
 
 class NodeSymbols:
-    """Symbols of one node, and a parameter vector that grows while its functions are made.
+    """Symbols of one node, and a parameter vector to which terms and reset maps add parts.
 
     Args:
         model: the node's model; the time step and its slots come first in the parameter vector.
@@ -34,35 +34,35 @@ class NodeSymbols:
 
     @property
     def layout(self) -> Layout:
-        """Where the parameters are in it."""
+        """The positions of the parameters in the vector so far."""
         return Layout((key, symbol.numel()) for key, symbol in self._parts.items())
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The user's parameters among them."""
+        """The user's parameters in the vector so far."""
         return tuple(self._parameters.values())
 
     def of_model(self) -> dict[str, cs.SX]:
-        """Return what the model sees of it, by its own names: its slots and ``"dt"``."""
+        """Return the parts that the model uses, by its own names: its slots and ``"dt"``."""
         slots = {key.name: symbol for key, symbol in self._parts.items() if key.kind == "slot"}
         return {**slots, "dt": self._parts[TIME_STEP]}
 
     def part(self, key: ParameterKey, size: int) -> cs.SX:
-        """Return a part of the parameter vector, a fresh one if there is none of that key."""
+        """Return the part of the parameter vector with this key; a new one if there is none."""
         if key not in self._parts:
             self._parts[key] = cs.SX.sym(key.name or key.kind, size)
         return self._parts[key]
 
     def check(self, where: str, expression: cs.SX, absent: cs.SX | None = None) -> None:
-        """Adopt the user's parameters in an expression.
+        """Check the symbols of an expression, and add the user's parameters in it to the parameter vector.
 
         Args:
-            where: the expression's origin, for messages.
-            expression: anything.
+            where: the declaration of the expression, for messages.
+            expression: the expression.
             absent: symbols that do not exist at this place.
 
         Raises:
-            ProblemError: it holds a symbol that is not of this node, or one that is absent.
+            ProblemError: the expression contains a symbol that is not of this node, or one that is absent.
         """
         if absent is not None and cs.depends_on(expression, absent):
             raise ProblemError(
@@ -84,11 +84,11 @@ class NodeSymbols:
                     "the function's argument supplies (or an ocp.parameter); compute it inside the function from its "
                     "argument"
                 )
-            self._adopt(parameter)
+            self._add(parameter)
             own |= {e.element_hash() for e in cs.symvar(parameter)}
 
-    def _adopt(self, parameter: Parameter) -> None:
-        """Give a user's parameter a part."""
+    def _add(self, parameter: Parameter) -> None:
+        """Add a part for a user's parameter."""
         key = ParameterKey("parameter", parameter.label)
         if self._parameters.get(key, parameter) is not parameter:
             raise ProblemError(

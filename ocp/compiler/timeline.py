@@ -1,4 +1,4 @@
-"""The timeline: a motion's phases, a schedule's segments and the horizon laid on one time axis."""
+"""The timeline: a motion's phases, a schedule's segments and the horizon, on one time axis."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..language import SAME_TIME, ModelBase, Motion, Path, PlacedPhase, Schedule
 
 @dataclass(frozen=True)
 class HorizonPhase:
-    """A part of the horizon with one model and time step, and (if modes cut the model) one motion phase.
+    """A part of the horizon with one model and time step, and (if the model is cut by modes) one motion phase.
 
     Args:
-        segment: which model and time step.
+        segment: the model and its time step.
         interval: the motion phase at its start.
-        start: [s] since the motion's start.
-        num_stages: N.
+        start: time since the motion's start [s].
+        num_stages: number of stages N.
         ends_phase: whether its last node is the end of a motion phase.
         following: the motion phase after its last node; None at the motion's end.
     """
@@ -53,7 +53,7 @@ class HorizonPhase:
 
 
 def whole_steps(length: float, dt: float, where: str) -> int:
-    """Return length / dt if that is a whole number; raise with the two nearest choices otherwise."""
+    """Return length / dt if it is a whole number; otherwise raise an error with the two nearest lengths."""
     steps = round(length / dt)
     if steps >= 1 and is_same_time(steps * dt, length):
         return steps
@@ -65,8 +65,8 @@ def whole_steps(length: float, dt: float, where: str) -> int:
     )
 
 
-def lay(path: Path, schedule: Schedule, t0: float) -> list[HorizonPhase]:
-    """Return the spans of a horizon that begins at t0 [s] (snapped to the first model's dt)."""
+def horizon_phases(path: Path, schedule: Schedule, t0: float) -> list[HorizonPhase]:
+    """Return the parts of a horizon that begins at t0 [s], rounded to a multiple of the first model's dt."""
     total = path.duration
     dt0 = schedule.segments[0].dt
     t = round(t0 / dt0) * dt0 if np.isfinite(t0) else t0
@@ -116,15 +116,15 @@ def covers(motion: Motion, spans: list[HorizonPhase]) -> bool:
     return spans[0].start < SAME_TIME and spans[-1].end > length - SAME_TIME
 
 
-def check_passed(span: HorizonPhase, intervals: list[PlacedPhase]) -> None:
-    """Raise if a model that modes do not cut runs past a phase end at which something was declared to happen."""
+def check_phase_ends(span: HorizonPhase, intervals: list[PlacedPhase]) -> None:
+    """Raise if a motion phase with a reset or ``until`` ends inside a part of the horizon, not at its last node."""
     for interval in intervals:
         phase, inside = interval.phase, span.start + SAME_TIME < interval.end < span.end - SAME_TIME
         if inside and (phase.reset is not None or phase.until):
             what = "reset" if phase.reset is not None else "until"
             name = span.model.name
             raise ProblemError(
-                f"phase '{phase.name}' ({phase.source}): model '{name}' runs on past its end - got a {what} at "
-                f"{interval.end:g} s, within {name}'s {span.start:g} to {span.end:g} s, "
-                "expected none there; remove it, or let another model cover the phase's end"
+                f"phase '{phase.name}' ({phase.source}): its end is inside a phase of model '{name}' - got a {what} at "
+                f"{interval.end:g} s, while '{name}' covers {span.start:g} to {span.end:g} s, "
+                "expected none there; remove it, or schedule another model at the phase's end"
             )

@@ -1,4 +1,4 @@
-"""Transitions: what happens to the state between two phases - impact, the user's reset, projection to the next model.
+"""Transitions: the change of the state between two phases - impact, the user's reset, projection to the next model.
 
 Functions of a transition, from the state x at the end of a phase to the first state of the next:
 
@@ -44,18 +44,18 @@ def lower_transition(
     """Return the lowered transition between two models.
 
     Args:
-        source: the model that ends.
+        source: the model before the transition.
         key: its mode.
-        target: the model that begins.
+        target: the model after the transition.
         user: the phase's own reset map, applied after the model's.
         where: both phases, for messages.
     """
     symbols = NodeSymbols(source, source.reset_size(key))
     x, z, p_model = symbols.x, symbols.z, symbols.of_model()
     own = source.reset(key, x, z, p_model)
-    absent = cs.vertcat(symbols.u, cs.SX.sym("z", source.implicit_size(key)))  # none of these at a phase's end
+    absent = cs.vertcat(symbols.u, cs.SX.sym("z", source.implicit_size(key)))  # a phase's end has no u and no z
     dynamics = source.dynamics(key, x, symbols.u, absent[symbols.u.numel() :], p_model)
-    given: dict[str, cs.SX] = {}
+    returned: dict[str, cs.SX] = {}
     if user is not None:
         result = call(user.function, f"{where}, reset ({user.source})", NodeView(dynamics.quantities))
         if not isinstance(result, Mapping):
@@ -63,17 +63,17 @@ def lower_transition(
                 f"{where}, reset ({user.source}): result is unusable - got {type(result).__name__}, expected a mapping "
                 "of state names; return a dict"
             )
-        given = {name: column(value) for name, value in result.items()}
+        returned = {name: column(value) for name, value in result.items()}
     parts = []
     for block in target.state.blocks:
         path = block.quantity.path
-        if path in given:
-            value = given.pop(path)
+        if path in returned:
+            value = returned.pop(path)
             if value.numel() != block.nx:
                 raise ShapeError(
                     f"{where}, reset ({user.source if user else ''}): '{path}' has the wrong size for the next model "
-                    f"'{target.name}' - got {value.numel()}, expected {block.nx} [{block.quantity.unit}]; return as "
-                    "many"
+                    f"'{target.name}' - got {value.numel()}, expected {block.nx} [{block.quantity.unit}]; return "
+                    f"{block.nx}"
                 )
             symbols.check(f"{where}, reset ({user.source if user else ''})", value, absent)
         elif path in dynamics.quantities and dynamics.quantities.bind(path).value.numel() == block.nx:
@@ -85,11 +85,11 @@ def lower_transition(
                 "phase"
             )
         parts.append(value)
-    if given:
+    if returned:
         names = [b.quantity.path for b in target.state.blocks]
         raise ProblemError(
-            f"{where}, reset ({user.source if user else ''}): unknown state names - got {sorted(given)}, expected some "
-            f"of {names}; rename them"
+            f"{where}, reset ({user.source if user else ''}): unknown state names - got {sorted(returned)}, expected "
+            f"some of {names}; rename them"
         )
     x_next = cs.substitute(cs.vertcat(*parts), x, own.next_state)
     K, r0 = affine(own.implicit, z, where)

@@ -1,4 +1,4 @@
-"""Evaluation of a CasADi function over many nodes at once, NumPy in and out."""
+"""Evaluation of a CasADi function at many nodes at once, with NumPy arrays."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_BLOCK = 8  # nodes per call of CasADi; a map of every number of nodes would take longer to make than to evaluate
+_BLOCK = 8  # nodes per call of CasADi; a map for each number of nodes would take longer to build than to evaluate
 
 
 class Vectorised:
-    """A CasADi function evaluated over n nodes.
+    """A CasADi function, evaluated at n nodes.
 
     Outputs named ``K`` or ending in ``_w``, ``_z``, ``_x`` are matrices, (n, rows, cols); all others are columns,
     (n, rows).
@@ -42,23 +42,23 @@ class Vectorised:
         n = len(arguments[0])
         results = [np.empty((n, output.nnz)) for output in self._outputs.values()]
         if n:
-            held = [np.ascontiguousarray(a, dtype=float).reshape(-1) for a in arguments]
-            for i, (argument, size) in enumerate(zip(held, self._inputs, strict=True)):
+            contiguous = [np.ascontiguousarray(a, dtype=float).reshape(-1) for a in arguments]
+            for i, (argument, size) in enumerate(zip(contiguous, self._inputs, strict=True)):
                 if argument.size != n * size:
                     name = self.function.name_in(i)
                     raise ValueError(
                         f"function '{self.function.name()}', input '{name}': got {argument.size}, expected {n} x {size}"
                     )
             ends = [*range(0, n - n % _BLOCK, _BLOCK), *range(n - n % _BLOCK, n + 1)]  # blocks, then one by one
-            self._run(list(pairwise(ends)), held, results)
+            self._run(list(pairwise(ends)), contiguous, results)
         return results
 
     def filled(self, name: str, nonzeros: Array) -> Array:
-        """Return an output with its zeros: (n, rows, cols) of a matrix, (n, rows) of a column."""
+        """Return an output with its zeros: (n, rows, cols) for a matrix, (n, rows) for a column."""
         return self._outputs[name].filled(nonzeros)
 
-    def _run(self, spans: Sequence[tuple[int, int]], held: Sequence[Array], results: Sequence[Array]) -> None:
-        inputs = [(i, size, a.data) for i, (a, size) in enumerate(zip(held, self._inputs, strict=True)) if size]
+    def _run(self, spans: Sequence[tuple[int, int]], contiguous: Sequence[Array], results: Sequence[Array]) -> None:
+        inputs = [(i, size, a.data) for i, (a, size) in enumerate(zip(contiguous, self._inputs, strict=True)) if size]
         outputs = [(i, r.shape[1], r.reshape(-1).data) for i, r in enumerate(results) if r.shape[1]]
         for start, end in spans:
             buffer, run = self._call(end - start)
@@ -69,7 +69,7 @@ class Vectorised:
             run()
 
     def _call(self, count: int) -> tuple[Any, Any]:
-        """Return the buffer and the call of the function over a number of nodes."""
+        """Return the buffer and the call of the function for a number of nodes."""
         if count not in self._calls:
             buffer: Any
             buffer, run = _mapped(self.function, count).buffer()
@@ -84,7 +84,7 @@ class Vectorised:
 
 
 class _Output:
-    """The shape of an output and where its nonzeros are."""
+    """The shape of an output and the positions of its nonzeros."""
 
     def __init__(self, name: str, sparsity: cs.Sparsity) -> None:
         self.rows, self.cols = sparsity.shape
@@ -93,7 +93,7 @@ class _Output:
         self._places = None if sparsity.is_dense() else np.array(sparsity.find(), dtype=int)
 
     def filled(self, nonzeros: Array) -> Array:
-        """Return nonzeros (n, nnz) among their zeros."""
+        """Return the output with its zeros, from its nonzeros (n, nnz)."""
         n = len(nonzeros)
         if self._places is not None:
             dense = np.zeros((n, self.rows * self.cols))

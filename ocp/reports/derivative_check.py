@@ -1,8 +1,8 @@
 """The derivative check: every derivative of a compiled problem against central differences on the manifold.
 
 For each mode and transition the check takes nodes of the initial guess and random states near them. A derivative J is
-compared with central differences D(h) and D(h/2), which also tell how far they can be trusted: the truncation error of
-D(h/2) is about |D(h) − D(h/2)| / 3, its rounding error about ε |f| / h. J must agree to a small multiple of that sum.
+compared with central differences D(h) and D(h/2). These also give their own accuracy: the truncation error of D(h/2) is
+about |D(h) − D(h/2)| / 3, its rounding error about ε |f| / h. |J − D(h/2)| must not exceed a small multiple of that sum.
 """
 
 from __future__ import annotations
@@ -19,26 +19,27 @@ from .verify import solve
 
 Array = NDArray[np.float64]
 
-_MARGIN = 10.0  # how many times the estimated error of a difference is allowed
+_MARGIN = 10.0  # allowed error, in multiples of the estimated truncation error of a difference
 _NOISE = 5e2  # rounding of one evaluation, in units of ε |f|
-_NOISE_SOLVED = 5e4  # the same behind a linear solve
-_ROUGH = 1e-2  # truncation, relative to the derivative, that no smooth function shows
+_NOISE_SOLVED = 5e4  # the same after a linear solve
+_ROUGH = 1e-2  # relative truncation error above which a function counts as not smooth
 
 
 @dataclass(frozen=True)
 class DerivativeCheck:
-    """How well one block of derivatives agrees with differences: the rows of one term by one kind of argument.
+    """Comparison of one block of derivatives with differences: the rows of one term by one kind of argument.
 
     Args:
         where: mode or transition.
-        output: what is derived: ``"residual"``, ``"g"``, ``"h"``, ``"d"`` (the step, or reset, less the next state) or
-            ``"r"`` (the implicit part); those that end in ``"(z)"`` are total, through the implicit part's solution.
+        output: the function: ``"residual"``, ``"g"``, ``"h"``, ``"d"`` (the step, or reset, minus the next state) or
+            ``"r"`` (the implicit part). With ``"(z)"`` at the end, the derivative is total: z is the solution of the
+            implicit part.
         by: ``"x"``, ``"u"`` or ``"z"``.
-        term: name of the term, or the model's.
+        term: name of the term, or of the model.
         row: the row with the largest error in proportion to ``allowed``.
         error: |J − D| there.
-        allowed: what the differences can be trusted to there.
-        rate: order at which differences with larger steps approach J; 2 for a smooth function, None if they are exact.
+        allowed: largest error that the accuracy of the differences allows there.
+        rate: order of convergence of differences to J; 2 for a smooth function, None if they are exact.
         smooth: whether the differences behave like those of a smooth function.
         source: where the term was declared.
     """
@@ -56,47 +57,47 @@ class DerivativeCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether the derivative is right, as far as differences can tell."""
+        """Whether the derivative agrees with the differences, within their accuracy."""
         return self.smooth and self.error <= self.allowed
 
 
 def check_derivatives(compiled: CompiledProblem, *, points: int = 3, seed: int = 0) -> list[DerivativeCheck]:
-    """Compare every derivative of a compiled problem with differences; the worst point of each block is kept.
+    """Compare every derivative of a compiled problem with differences; return the worst point of each block.
 
-    Models without derivatives have nothing to compare.
+    Models without derivatives are left out.
 
     Args:
         compiled: the problem, compiled with or without checks.
-        points: random states per mode, beside as many nodes of the initial guess.
-        seed: of the random states.
+        points: nodes of the initial guess per mode; each is checked once as it is, and once with a random displacement.
+        seed: seed of the random displacements.
     """
     rng = np.random.default_rng(seed)
     worst: dict[tuple[str, str, str, str], DerivativeCheck] = {}
-    for finding in _findings(compiled, points, rng):
-        key = (finding.where, finding.output, finding.by, finding.term)
+    for check in _checks(compiled, points, rng):
+        key = (check.where, check.output, check.by, check.term)
         known = worst.get(key)
-        if known is None or _badness(finding) > _badness(known):
-            rates = [f.rate for f in (known, finding) if f is not None and f.rate is not None]
-            worst[key] = replace(finding, rate=min(rates, default=None))
+        if known is None or _relative_error(check) > _relative_error(known):
+            rates = [each.rate for each in (known, check) if each is not None and each.rate is not None]
+            worst[key] = replace(check, rate=min(rates, default=None))
     return list(worst.values())
 
 
-def _badness(finding: DerivativeCheck) -> tuple[bool, float]:
-    return (not finding.agrees, finding.error / finding.allowed if finding.allowed > 0 else np.inf)
+def _relative_error(check: DerivativeCheck) -> tuple[bool, float]:
+    return (not check.agrees, check.error / check.allowed if check.allowed > 0 else np.inf)
 
 
-def _findings(compiled: CompiledProblem, points: int, rng: np.random.Generator) -> Iterator[DerivativeCheck]:
+def _checks(compiled: CompiledProblem, points: int, rng: np.random.Generator) -> Iterator[DerivativeCheck]:
     for mode in dict.fromkeys(phase.mode for phase in compiled.phases):
         if not mode.model.has_derivatives:
             continue
         phases = [phase for phase in compiled.phases if phase.mode is mode]
         nodes = [(phase, k) for phase in phases for k in range(phase.num_stages)]
         ends = [(phase, phase.num_stages) for phase in phases]
-        for spread, check in ((nodes, _stage), (ends, _terminal)):
-            chosen = [spread[i] for i in np.unique(np.linspace(0, len(spread) - 1, points).astype(int))]
+        for places, check_at in ((nodes, _stage), (ends, _terminal)):
+            chosen = [places[i] for i in np.unique(np.linspace(0, len(places) - 1, points).astype(int))]
             for phase, k in chosen:
                 for size in (0.0, 0.1):
-                    yield from check(compiled, phase, k, size, rng)
+                    yield from check_at(compiled, phase, k, size, rng)
     seen: set[LoweredTransition] = set()
     for phase, following in zip(compiled.phases[:-1], compiled.phases[1:], strict=True):
         if phase.transition is not None and (phase.transition not in seen or phase.resets):
@@ -167,7 +168,7 @@ def _reset(
     compiled: CompiledProblem, phase: CompiledPhase, following: CompiledPhase, size: float, rng: np.random.Generator
 ) -> Iterator[DerivativeCheck]:
     transition, p = phase.transition, phase.p_transition
-    assert transition is not None  # asked only between phases
+    assert transition is not None  # only called between phases
     f, space, after = transition.functions, transition.source.state, transition.target.state
     x = space.np_plus(phase.guess_states[-1], size * rng.standard_normal(space.ndx))
     z = solve(f["implicit"], x, p)
@@ -209,7 +210,7 @@ def _compare(
     compiled: CompiledProblem, mode: LoweredMode, group: str, output: str, J: Array, difference: Difference,
     split: tuple[int, int], noise: float,
 ) -> Iterator[DerivativeCheck]:  # fmt: skip
-    """Yield the findings of one output of a mode, term by term."""
+    """Yield the checks of one output of a mode, term by term."""
     where = f"model '{mode.model.name}', mode '{mode.key}'"
     if group not in mode.rows:
         labels = mode.state.labels if output.startswith("d") else tuple(f"row {i}" for i in range(len(J)))
@@ -220,17 +221,17 @@ def _compare(
         index = [i for i, row in enumerate(rows) if row.term == term]
         labels = tuple(compiled.row_name(rows[i]) for i in index)
         source = str(compiled.terms[term].source) if term >= 0 else ""
-        for finding in _blocks(
+        for check in _blocks(
             where, output, compiled.term_name(rows[index[0]]), labels, J[index], difference.part(index), split, noise
         ):
-            yield replace(finding, source=source)
+            yield replace(check, source=source)
 
 
 def _blocks(
     where: str, output: str, term: str, labels: Sequence[str], J: Array, difference: Difference,
     split: tuple[int, int], noise: float,
 ) -> Iterator[DerivativeCheck]:  # fmt: skip
-    """Yield one finding for the columns of x, of u and of z."""
+    """Yield one check each for the columns of x, of u and of z."""
     edges = (0, split[0], split[0] + split[1], J.shape[1])
     for by, first, last in zip("xuz", edges[:-1], edges[1:], strict=True):
         if last == first or len(J) == 0:

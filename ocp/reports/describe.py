@@ -1,4 +1,4 @@
-"""A compiled problem in words: phases, models, steps, sizes; what bound where, and what did not and why."""
+"""Description of a compiled problem: its phases, the models that each term is bound in, and why it is not in others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _table(head: list[str], rows: list[list[str]]) -> list[str]:
 
 
 def describe(compiled: CompiledProblem) -> str:
-    """Return the description that ``print(problem)`` and ``piaffe describe`` show."""
+    """Return the text that ``print(problem)`` and ``piaffe describe`` show."""
     phases = [
         [
             p.name, p.label or "flight", p.mode.model.name, f"{p.times[0]:.3f}", f"{p.times[-1]:.3f}", f"{p.dt:g}",

@@ -1,4 +1,4 @@
-"""Central differences of functions of many outputs, and the order at which they approach a derivative."""
+"""Central differences of functions with several outputs, and their order of convergence to a derivative."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 STEP = 1e-4  # relative to max(1, |value|); truncation and rounding are then both near 1e-8
-COARSE = 40  # the rate of convergence is measured at this many times the step
+COARSE = 40  # the order of convergence is measured with steps larger by this factor
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Difference:
     Args:
         full, half: at STEP and at half of it.
         coarse, coarse_half: the same at COARSE times the step.
-        bend, bend_half: difference of the slopes ahead and behind, at STEP and at half of it; of a smooth function it
-            halves with the step, at a kink it stays.
+        bend, bend_half: difference of the forward and the backward slope, at STEP and at half of it. For a smooth
+            function it halves with the step; at a kink it does not.
         size: largest |value|, (rows,).
     """
 
@@ -43,7 +43,7 @@ class Difference:
         return Difference(full, half, coarse, coarse_half, bend, bend_half, self.size[rows])
 
     def has_kink(self, tolerance: float) -> bool:
-        """Return whether slopes ahead and behind differ by more than a tolerance, and not less at half the step."""
+        """Return whether forward and backward slopes differ by more than a tolerance, and as much at half the step."""
         kinks = (self.bend_half > 0.8 * self.bend) & (self.bend_half > tolerance)
         return bool(np.any(kinks))
 
@@ -55,17 +55,17 @@ def differences_of(function: Callable[[Array], Sequence[Array]], scale: Array) -
     directions = np.diag(scale)
     steps = [sign * length * directions for length in lengths for sign in (1, -1)]
     for values in function(np.concatenate([*steps, np.zeros((1, n))])):
-        ahead, behind = np.moveaxis(values[:-1].reshape(4, 2, n, -1), 1, 0)
+        forward, backward = np.moveaxis(values[:-1].reshape(4, 2, n, -1), 1, 0)
         span = lengths[:, None, None] * scale[:, None]
-        with np.errstate(invalid="ignore"):  # what is not finite stays so
-            full, half, coarse, coarse_half = ((ahead - behind) / (2 * span)).swapaxes(1, 2)
-            bend, bend_half = np.abs((ahead + behind - 2 * values[-1]) / span)[:2].swapaxes(1, 2)
+        with np.errstate(invalid="ignore"):  # values that are not finite give differences that are not finite
+            full, half, coarse, coarse_half = ((forward - backward) / (2 * span)).swapaxes(1, 2)
+            bend, bend_half = np.abs((forward + backward - 2 * values[-1]) / span)[:2].swapaxes(1, 2)
         size = np.max(np.abs(values), axis=0, initial=0.0)
         out.append(Difference(full, half, coarse, coarse_half, bend, bend_half, size))
     return out
 
 
 def rate_of(J: Array, coarse: Array, finer: Array, rounding: float) -> float | None:
-    """Return the order at which differences approach J, None if they are exact to rounding."""
+    """Return the order of convergence of differences to J; None if they are exact up to rounding."""
     far, near = (float(np.max(np.abs(D - J), initial=0.0)) for D in (coarse, finer))
     return float(np.log2(far / near)) if near > rounding / COARSE and far > 0 else None

@@ -1,4 +1,4 @@
-"""The dimensional report: what each term counts in, what its weights mean, and how large it is at the initial guess."""
+"""The dimensional report: the unit of each term, the unit of its weights, and its size at the initial guess."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from ..language import Constraint, Cost
 
 Array = NDArray[np.float64]
 
-_SIMPLE = ("m", "s", "rad", "N", "kg", "J", "W")  # units that need no brackets
+_SIMPLE = ("m", "s", "rad", "N", "kg", "J", "W")  # units that need no parentheses
 
 
 @dataclass(frozen=True)
 class CostReport:
-    """A cost in numbers, at the initial guess.
+    """Unit and size of a cost, at the initial guess.
 
     Args:
         name: the term's name.
         at: where it applies.
         unit: unit of its residual.
-        weight_unit: what its weights must be in for a cost without unit; running costs are rates.
+        weight_unit: unit of its weights if the cost has no unit; running costs are rates.
         rows: number of rows.
-        weights: smallest and largest weight of rows that count.
-        largest: largest |residual| of rows that count.
-        cost: what it costs over the horizon.
+        weights: smallest and largest positive weight.
+        largest: largest |residual| of rows with positive weight.
+        cost: its cost over the horizon.
     """
 
     name: str
@@ -43,16 +43,16 @@ class CostReport:
 
 @dataclass(frozen=True)
 class ConstraintReport:
-    """A constraint in numbers, at the initial guess.
+    """Unit and violations of a constraint, at the initial guess.
 
     Args:
         name: the term's name.
         kind: ``"inequality"`` or ``"equality"``.
         unit: unit of its rows.
-        scale: what a violation is divided by in reports.
+        scale: divisor of violations in reports.
         rows: number of rows.
-        counted: rows times nodes at which it is asked for.
-        missed: how many of those the guess violates.
+        counted: number of (row, node) pairs where it applies.
+        missed: number of these pairs that the guess violates.
         worst: the largest raw violation [unit].
     """
 
@@ -68,7 +68,7 @@ class ConstraintReport:
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Values of one group of rows over nodes: kind, rows (names), values, weights or masks, and the factor of cost."""
+    """Values of one group of rows over nodes: kind, rows (names), values, weights or masks (factor), and time step."""
 
     kind: str
     rows: tuple[Row, ...]
@@ -78,7 +78,7 @@ class _Table:
 
 
 def report(compiled: CompiledProblem) -> tuple[list[CostReport], list[ConstraintReport]]:
-    """Return every term in numbers at the initial guess, costs and constraints; rows that models derive come last."""
+    """Return the figures of every cost and constraint at the initial guess; rows that models derive are last."""
     tables = [table for phase in compiled.phases for table in _tables(phase)]
     costs, constraints = [], []
     for index in [*range(len(compiled.terms)), -1]:
@@ -139,7 +139,7 @@ def _constraint(
 
 
 def weight_unit(unit: str, at: str) -> str:
-    """Return the unit of a weight whose cost has none: ``"1/(m^2 s)"`` for a running residual in metres."""
+    """Return the unit of a weight for a cost without unit: ``"1/(m^2 s)"`` for a running residual in metres."""
     squared = f"{unit}^2" if unit in _SIMPLE else f"({unit})^2" if unit else ""
     parts = [part for part in (squared, "s" if at == "running" else "") if part]
     if not parts:

@@ -1,7 +1,7 @@
-"""Verification: the violations of a trajectory, recomputed from its states and controls alone, node by node.
+"""Verification: the violations of a trajectory, recomputed only from its states and controls, node by node.
 
-Only the compiled functions and NumPy are used, none of a solver's evaluation: one linear solve for z per node, the
-discrete step, the reset maps, and the rows of every equality and inequality.
+It uses the compiled functions and NumPy, and no code of a solver: one linear solve for z per node, the discrete step,
+the reset maps, and the rows of every equality and inequality.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Verification:
-    """By how much a trajectory misses the rows of its problem.
+    """The violations of the rows of a problem by a trajectory.
 
     Args:
-        violations: the worst node of every named row, worst first within each kind; of rows that hold, too.
+        violations: the worst node of every named row, also of rows that hold; the worst first within each kind.
     """
 
     violations: tuple[Violation, ...]
@@ -60,21 +60,21 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        """Whether everything is within ``BOUNDS``."""
+        """Whether every violation is within ``BOUNDS``."""
         return all(each.ratio <= 1.0 for each in self.violations)
 
-    if not TYPE_CHECKING:  # for mypy no attribute is there
+    if not TYPE_CHECKING:  # mypy still reports the old names as unknown
         __getattr__ = renamed_members("Verification", {"misses": "violations"})
 
 
 def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
     """Recompute every defect, equality and inequality of a trajectory.
 
-    Of a model without derivatives the steps are the simulator's, and only its rows are recomputed.
+    For a model without derivatives only the rows are recomputed, because the simulator makes its steps.
 
     Args:
-        compiled: the problem that it should solve.
-        trajectory: states and controls; nothing else of it is read.
+        compiled: the problem of the trajectory.
+        trajectory: the trajectory; only its states and controls are used.
 
     Raises:
         ProblemError: the trajectory's phases are not the problem's.
@@ -89,7 +89,7 @@ def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
 
 
 def check_fits(compiled: CompiledProblem, trajectory: Trajectory) -> None:
-    """Raise unless a trajectory has the phases and sizes of a problem."""
+    """Raise if a trajectory has other phases or sizes than a problem."""
     expected = [(p.name, p.num_stages, p.mode.state.nx, p.mode.nu) for p in compiled.phases]
     got = [(p.name, len(p.controls), p.states.shape[1], p.controls.shape[1]) for p in trajectory.phases]
     for i, (one, other) in enumerate(zip(expected, got, strict=False)):

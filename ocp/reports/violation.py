@@ -1,4 +1,4 @@
-"""Violations: by how much a named row is missed, and what may be missed."""
+"""Violations of named rows, and the largest violations that a verified solution may have."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Literal
 Kind = Literal["defect", "equality", "inequality"]
 
 BOUNDS: dict[Kind, float] = {"defect": 1e-4, "equality": 1e-3, "inequality": 1e-3}
-"""What a solution may miss: defects in the tangent's units, rows in raw SI over their scale."""
+"""Largest violations of a verified solution: defects in the tangent's units, rows in SI units over their scale."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """By how much one named row is missed, at its worst node.
+    """The violation of one named row at its worst node.
 
     Args:
         name: term, component and side; for a defect the component of the state.
         phase: name of the phase.
         node: node in the phase; a phase's defect 0 is that of the initial state or of the reset map before it.
-        amount: raw SI amount divided by the row's scale, 0 if the row holds; not finite counts as infinite.
-        unit: unit of the raw amount.
-        kind: what kind of row.
+        amount: violation in SI units divided by the row's scale; 0 if the row holds, infinite if it is not finite.
+        unit: unit of the violation before the division.
+        kind: kind of the row.
         source: where the term was declared.
-        multiplier: the force with which a constraint acts there; None where no solve has found one.
+        multiplier: the constraint's multiplier there; None if it does not come from a solve.
     """
 
     name: str
@@ -37,5 +37,5 @@ class Violation:
 
     @property
     def ratio(self) -> float:
-        """The amount relative to what ``BOUNDS`` allows."""
+        """The amount relative to the bound in ``BOUNDS``."""
         return self.amount / BOUNDS[self.kind]

@@ -1,4 +1,4 @@
-"""Warnings about a compiled problem that do not stop a solve: models' own, broken starts, near half turns."""
+"""Warnings about a compiled problem: of its models, of constraints that the initial state violates, of half turns."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..language import ProblemWarning
 Array = NDArray[np.float64]
 
 NEAR_HALF_TURN = 0.3
-"""How close to π the length of an orientation residual is reported [rad]: its direction is about to flip there."""
+"""An orientation residual is reported if its length is within this distance of π [rad]: at π its direction reverses."""
 
 
 TOLERANCE = 1e-3
-"""By how much the initial state may break a constraint, over the row's scale, before it is reported."""
+"""Violations of constraints by the initial state are reported above this value, relative to the row's scale."""
 
 
 def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
@@ -36,7 +36,7 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
 
 
 def broken_at_start(compiled: CompiledProblem) -> list[ProblemWarning]:
-    """Return a warning per constraint on the state that the initial state breaks: no control can change that.
+    """Return a warning per constraint on the state that the initial state violates: no control can change that.
 
     Args:
         compiled: the problem.
@@ -55,20 +55,20 @@ def broken_at_start(compiled: CompiledProblem) -> list[ProblemWarning]:
             found.append(
                 ProblemWarning(
                     f"term '{compiled.row_name(row)}' ({declared.source}), phase '{phase.name}', node 0",
-                    f"the initial state breaks it - got it missed by {missed[i] * row.scale:.3g} {row.unit}".rstrip()
-                    + ", expected a start that meets it; no control can change it: move the start or the bound, or "
-                    "restrict it with when=",
+                    f"the initial state violates it - got {missed[i] * row.scale:.3g} {row.unit}".rstrip()
+                    + ", expected no violation; no control can change it: change the initial state or the bound, or "
+                    "restrict the term with when=",
                 )
             )
     return found
 
 
 def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequence[Array]) -> list[ProblemWarning]:
-    """Return a warning per term and phase whose orientation residual comes within ``NEAR_HALF_TURN`` of π.
+    """Return a warning per term and phase with an orientation residual within ``NEAR_HALF_TURN`` of π.
 
     Args:
         compiled: the problem.
-        stages: residual rows of every phase's stages, (N, nr) each, as the function ``stage`` gives them.
+        stages: residual rows of every phase's stages, (N, nr) each, as the function ``stage`` returns them.
         ends: residual rows of every phase's last node, (nr_end,) each.
     """
     found = []
@@ -87,15 +87,15 @@ def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequenc
                         ProblemWarning(
                             f"term '{declared.name}' ({declared.source}), phase '{phase.name}', node {first + node}",
                             f"the residual is near half a turn - got {angles[node]:.2f} rad, expected less than "
-                            f"{np.pi - NEAR_HALF_TURN:.2f} rad; beyond π it pulls the other way round: add a keyframe "
-                            "on the way, or lengthen the phase",
+                            f"{np.pi - NEAR_HALF_TURN:.2f} rad; beyond π the cost turns in the other direction: add a "
+                            "keyframe in between, or lengthen the phase",
                         )
                     )
     return found
 
 
 def _turning(phase: CompiledPhase, group: str | None = None) -> dict[int, list[int]]:
-    """Return the columns of each term's rotation in a group of residuals, or in any."""
+    """Return the columns of each term's rotation in a group of residuals, or in all groups."""
     found: dict[int, list[int]] = {}
     for name in ("stage_residual", "terminal_residual") if group is None else (group,):
         rows: tuple[Row, ...] = phase.mode.rows[name]

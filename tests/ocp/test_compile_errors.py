@@ -188,7 +188,7 @@ def test_reset_map_of_the_wrong_size_for_the_next_model():
     drop = ocp.Phase("drop", "fall", 0.4, reset=bounce)
     assert told(ShapeError, lambda: ball(drop, RISE)) == (
         "phases 'drop' → 'rise' (HERE), reset (HERE): 'vz' has the wrong size for the next model 'ball' - got 2, "
-        "expected 1 []; return as many"
+        "expected 1 []; return 1"
     )
 
 
@@ -233,9 +233,9 @@ def test_reset_that_a_model_runs_past():
     effort = ocp.Objective(ocp.regularize(feet.force, weight=0.01))
     problem = ocp.Problem(motion, RIGID.until_end(dt=0.05), effort, initial=RIGID.state())
     assert told(ProblemError, lambda: ocp.compile_problem(problem)) == (
-        "phase 'stop' (HERE): model 'mini_cheetah rigid body' runs on past its end - got a reset at 0.1 s, within "
-        "mini_cheetah rigid body's 0 to 0.2 s, expected none there; remove it, or let another model cover the phase's "
-        "end"
+        "phase 'stop' (HERE): its end is inside a phase of model 'mini_cheetah rigid body' - got a reset at 0.1 s, "
+        "while 'mini_cheetah rigid body' covers 0 to 0.2 s, expected none there; remove it, or schedule another model "
+        "at the phase's end"
     )
 
 
@@ -511,11 +511,12 @@ def test_term_of_a_phase_that_does_not_exist():
     )
 
 
-def test_term_whose_predicate_picks_no_phase():
+def test_term_whose_predicate_selects_no_phase():
     term = ocp.track("z", when=lambda name: name == "fly")
     assert told(ProblemError, lambda: ball(objective=CHEAP + term)) == (
-        "term 'track z' (HERE): applies nowhere - got it is meant for phases that its when= picks at 'running', and no "
-        "such phase among 'drop' has a model with it, expected at least one model and phase; correct it or remove it"
+        "term 'track z' (HERE): applies nowhere - got it is declared for phases that its when= selects at 'running', "
+        "and no such phase among 'drop' has a model that supplies it, expected at least one model and phase; correct "
+        "it or remove it"
     )
 
 
@@ -530,7 +531,7 @@ def test_schedule_that_leaves_out_what_is_not_there():
     row = ocp.inequality(lambda s: s.z, name="floor")
     assert told(ProblemError, lambda: ball(schedule=BALL.until_end(dt=0.02).without(row))) == (
         "schedule (HERE), model 'ball': leaves out a term that is not in the problem - got 'floor' (HERE), expected "
-        "one of its terms; pass the very object that the problem has"
+        "one of its terms; pass the same object as the problem has"
     )
     assert told(ProblemError, lambda: BALL.until_end(dt=0.02).without("floor")) == (
         "schedule (HERE): without takes terms - got 'floor', expected costs, constraints or sets of them; pass the "
@@ -714,7 +715,7 @@ def test_masks_that_are_none():
     )
     row = ocp.inequality(lambda s: s.feet.height, mask=lambda s: 0.5 * s.feet.contact, name="m")
     assert told(ProblemError, lambda: robot(constraints=ocp.Constraints(row))).startswith(
-        "term 'm 0 lower' (HERE), phase 0 'stand' (HERE), node 0: mask is not one - got 0.5 at entry 0, expected 0 or 1"
+        "term 'm 0 lower' (HERE), phase 0 'stand' (HERE), node 0: mask is invalid - got 0.5 at entry 0, expected 0 or 1"
     )
 
 

@@ -6,7 +6,7 @@ import pytest
 from piaffe import models, ocp
 from piaffe.errors import ProblemError
 from piaffe.models import base, feet, joints, stance
-from piaffe.ocp.compiler.timeline import covers, lay, whole_steps
+from piaffe.ocp.compiler.timeline import covers, horizon_phases, whole_steps
 
 
 def still(s):
@@ -29,7 +29,7 @@ ENDLESS = ocp.Motion(ocp.Phase("one", "a", 0.2), ocp.Phase("two", "b", 0.1), cyc
 
 def spans(motion, schedule, t0=0.0):
     model = schedule.segments[0].model
-    return lay(motion.bind((model,), {b.quantity: np.zeros(1) for b in model.state.blocks}), schedule, t0)
+    return horizon_phases(motion.bind((model,), {b.quantity: np.zeros(1) for b in model.state.blocks}), schedule, t0)
 
 
 def laid(motion, schedule, t0=0.0):
@@ -45,7 +45,7 @@ def test_a_model_is_cut_where_modes_change():
     ]  # fmt: skip
 
 
-def test_a_model_that_modes_do_not_cut_is_one_stretch():
+def test_a_model_that_modes_do_not_cut_has_one_phase():
     assert laid(MOTION, UNCUT.until_end(dt=0.05)) == [("uncut", "one", 0.0, 12, True)]
     (only,) = spans(MOTION, UNCUT.until_end(dt=0.05))
     placed = list(MOTION.intervals())

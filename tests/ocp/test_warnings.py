@@ -28,8 +28,8 @@ def test_a_residual_near_half_a_turn_is_reported_by_name(angle):
     (warning,) = ocp.find_warnings(ocp.compile_problem(problem(term, angle=angle)))
     assert warning.where == f"term 'track turn' ({term.source}), phase 'second', node 0"
     assert warning.text == (
-        f"the residual is near half a turn - got {abs(angle):.2f} rad, expected less than 2.84 rad; beyond π it pulls "
-        "the other way round: add a keyframe on the way, or lengthen the phase"
+        f"the residual is near half a turn - got {abs(angle):.2f} rad, expected less than 2.84 rad; beyond π the cost "
+        "turns in the other direction: add a keyframe in between, or lengthen the phase"
     )
 
 
@@ -75,17 +75,17 @@ def falling(*rows):
     )
 
 
-def test_a_constraint_that_the_start_breaks_is_reported():
+def test_a_constraint_that_the_initial_state_violates_is_reported():
     high = ocp.inequality(lambda s: [s.z, s.vz], lower=(1.5, -1.0), unit="m", scale=0.5, name="high", labels=("z", "v"))
     (warning,) = ocp.find_warnings(falling(high))
     assert warning.where == f"term 'high v lower' ({high.source}), phase 'drop', node 0"
     assert warning.text == (
-        "the initial state breaks it - got it missed by 1 m, expected a start that meets it; no control can change it: "
-        "move the start or the bound, or restrict it with when="
+        "the initial state violates it - got 1 m, expected no violation; no control can change it: change the initial "
+        "state or the bound, or restrict the term with when="
     )
     still = ocp.equality(lambda s: s.vz, name="still")
     (warning,) = ocp.find_warnings(falling(still))
-    assert "got it missed by 2, expected" in warning.text
+    assert "got 2, expected" in warning.text
 
 
 def test_constraints_that_do_not_hold_at_the_start_are_not_reported():

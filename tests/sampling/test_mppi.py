@@ -164,7 +164,7 @@ def test_terms_at_the_ends_of_phases_are_refused(trot):
 def test_a_model_with_derivatives_is_not_sampled(trot):
     body = models.WholeBody(models.load("solo12"))
     other = ocp.Problem(trot.motion, body.over(0.08, dt=DT), trot.objective, initial=trot.initial)
-    with pytest.raises(ProblemError, match="cannot be walked along"):
+    with pytest.raises(ProblemError, match="its schedule cannot be sampled"):
         sampling.MPPI(other)
 
 
