@@ -37,8 +37,8 @@ class Options:
         violation_rate: τ of the moving maximum of each violation.
         violation_floor: least moving maximum, in units of the row's scale: smaller violations are discounted less.
         seed: of the perturbations.
-        engine: rolls out: ``"native"`` (mujoco.rollout on threads), ``"simd"`` (MuJoCo's step in SIMD lanes, for feet
-            on planes and boxes), ``"mjx"`` (JAX), or ``"auto"``: lanes where they have all that the model needs.
+        engine: rolls out: ``"native"`` (mujoco.rollout on threads), ``"simd"`` (MuJoCo's step in SIMD code, for feet
+            on planes and boxes), ``"mjx"`` (JAX), or ``"auto"``: ``"simd"`` where it has all that the model needs.
         threads: of roll-outs and evaluation; None for one per core.
     """
 

@@ -4,7 +4,7 @@
 engine      how                                                                  needs
 ==========  ===================================================================  ======================
 ``native``  MuJoCo in C, samples spread over threads                             nothing
-``simd``   MuJoCo's step as generated C in SIMD lanes over samples, on threads  a C compiler
+``simd``   MuJoCo's step as generated C, with SIMD over samples, on threads     a C compiler
 ``mjx``     MuJoCo XLA: all samples at once on a CPU or a GPU                    ``piaffe[sampling]``
 ``auto``    ``simd`` where it has all that the model needs, else ``native``     nothing
 ==========  ===================================================================  ======================

@@ -26,12 +26,12 @@ from piaffe.codegen import (
     run_in_parallel,
     shares,
 )
-from piaffe.codegen import simd as ocp_lanes
+from piaffe.codegen import simd as simd_code
 from piaffe.errors import SamplingError
 from piaffe.models import import_mujoco, recursions, tree
 from piaffe.ocp import rotation
 
-from . import simd_text as lanes_text
+from . import simd_text
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
 from .native import NativeEngine, own_copy
 from .simd_reader import scene_of
@@ -44,7 +44,7 @@ _AGREEMENT = 1e-7
 _FEW = 4  # iterations
 _TRIALS, _TRIAL_STEPS = 32, 3
 _TEMPLATES = ("simulate.c", "simulate.h", "contacts.inc", "constraints.inc", "gauss_seidel.inc", "step.inc")
-_MAKERS = (lanes_text, recursions, tree, rotation, ocp_lanes)  # whose code makes the smooth dynamics' C
+_MAKERS = (simd_text, recursions, tree, rotation, simd_code)  # whose code makes the smooth dynamics' C
 
 
 class DifferentError(SamplingError):
@@ -63,7 +63,7 @@ class SimdEngine(Engine):
         model: what to simulate. A sample's control is held over the model's substeps.
         threads: number of threads, default one per available core.
         warm_start: whether the contact solver starts from the last step's solution, as the model has it unless given.
-        width: lanes, 1, 2, 4 or 8; as this processor likes it by default.
+        width: samples per instruction, 1, 2, 4 or 8; what suits this processor by default.
 
     Raises:
         SamplingError: the model has something that is not simulated, or there is no C compiler.
@@ -151,7 +151,7 @@ class SimdEngine(Engine):
 
 
 def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
-    """Return the library of a scene, and how many lanes it has."""
+    """Return the library of a scene, and how many samples an instruction of it takes."""
     folder = files(__package__).joinpath("template")
     templates = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in _TEMPLATES}
 
@@ -165,7 +165,7 @@ def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
     # than its change is found when it is compared with MuJoCo.
     makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
     parts = [part for entry in templates.items() for part in entry]
-    parts += [text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), ocp_lanes.SIMD_H, *makers]
+    parts += [text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), simd_code.SIMD_H, *makers]
     built = build(LazySources(parts, texts), width=width, label="SIMD roll-outs")
     loaded = load(built)
     loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long

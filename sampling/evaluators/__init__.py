@@ -1,9 +1,9 @@
-"""Evaluators: a mode's cost and violations over samples and steps, on one engine among several that agree.
+"""Evaluators: a mode's cost and violations over samples and steps, on one of several engines, which agree.
 
 ==========  ===========================================================  =======================
 engine      how                                                          needs
 ==========  ===========================================================  =======================
-``native``  C in SIMD lanes over samples, on threads                     a C compiler
+``native``  C with SIMD over samples, on threads                         a C compiler
 ``numpy``   the instruction list on NumPy arrays                         nothing
 ``vm``      CasADi's virtual machine, sample after sample                nothing
 ``jax``     the instruction list on JAX arrays, also within ``jit``      ``piaffe[sampling]``
@@ -22,16 +22,16 @@ from piaffe.codegen import NoCompilerError, NoCompilerWarning, available_cores
 from piaffe.errors import SamplingError
 from piaffe.ocp import LoweredMode
 
-from .arrays import ArrayKernel
+from .arrays import ArrayFunction
+from .batch_function import BatchFunction
 from .evaluator import Evaluator as Evaluator
 from .evaluator import Rows as Rows
 from .evaluator import rows_inputs
-from .jax import JaxKernel
-from .kernel import Kernel
-from .native import NativeKernel, library_of
+from .jax import JaxFunction
+from .native import NativeFunction, library_of
 from .scoring import Scoring as Scoring
 from .scoring import scoring as scoring
-from .vm import VmKernel
+from .vm import VmFunction
 
 EngineName = Literal["native", "numpy", "vm", "jax"]
 
@@ -52,12 +52,12 @@ def evaluator(mode: LoweredMode, engine: EngineName = "native", *, threads: int 
     own = scoring(mode)
     functions = {"stage": own.stage, "terminal": own.terminal}
     label = f"{mode.model.name}, scoring"
-    used, kernels = _kernels(functions, engine, label, by_row=True, threads=threads)
-    return Evaluator(own, used, kernels["stage"], kernels["terminal"])
+    used, made = _on_engine(functions, engine, label, by_row=True, threads=threads)
+    return Evaluator(own, used, made["stage"], made["terminal"])
 
 
 def rows(function: cs.Function, engine: EngineName = "native", *, threads: int | None = None) -> Rows:
-    """Return an evaluator of the rows of any function of a node, such as the inputs of a value function.
+    """Return the rows of any function of a node over samples and steps, such as the inputs of a value function.
 
     Args:
         function: of columns named among x, u, z and p, with a column as its output.
@@ -73,14 +73,14 @@ def rows(function: cs.Function, engine: EngineName = "native", *, threads: int |
     inputs = [cs.SX.sym(name, function.size1_in(i)) for i, name in enumerate(function.name_in())]
     output = cs.densify(function.call(inputs)[0])
     dense = cs.Function(function.name(), inputs, [output], function.name_in(), ["rows"], {"cse": True})
-    used, kernels = _kernels({"rows": dense}, engine, f"{function.name()}, rows", by_row=False, threads=threads)
-    return Rows(used, kernels["rows"])
+    used, made = _on_engine({"rows": dense}, engine, f"{function.name()}, rows", by_row=False, threads=threads)
+    return Rows(used, made["rows"])
 
 
-def _kernels(
+def _on_engine(
     functions: Mapping[str, cs.Function], engine: str, label: str, *, by_row: bool, threads: int | None
-) -> tuple[str, dict[str, Kernel]]:
-    """Return the engine that is used and the kernel of each function."""
+) -> tuple[str, dict[str, BatchFunction]]:
+    """Return the engine that is used, and each function on it, by name."""
     if engine not in get_args(EngineName):
         known = " or ".join(f"'{name}'" for name in get_args(EngineName))
         raise SamplingError(f"evaluator: engine is unknown - got {engine!r}, expected {known}; choose one")
@@ -95,9 +95,9 @@ def _kernels(
             engine = "numpy"
         else:
             return "native", {
-                name: NativeKernel(library, name, f, by_row=by_row, threads=threads) for name, f in functions.items()
+                name: NativeFunction(library, name, f, by_row=by_row, threads=threads) for name, f in functions.items()
             }
     return engine, {name: _KINDS[engine](f, by_row=by_row) for name, f in functions.items()}
 
 
-_KINDS: Mapping[str, Callable[..., Kernel]] = {"numpy": ArrayKernel, "vm": VmKernel, "jax": JaxKernel}
+_KINDS: Mapping[str, Callable[..., BatchFunction]] = {"numpy": ArrayFunction, "vm": VmFunction, "jax": JaxFunction}

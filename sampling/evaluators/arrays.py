@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..translate import NUMPY_ERF, instructions
-from .kernel import PER_SAMPLE, Kernel
+from .batch_function import PER_SAMPLE, BatchFunction
 
 Array = NDArray[np.float64]
 
 _POINTS = 8192  # at a time: so many doubles of some operations stay in the cache
 
 
-class ArrayKernel(Kernel):
+class ArrayFunction(BatchFunction):
     """A function's instructions on NumPy arrays."""
 
     def __init__(self, function: cs.Function, *, by_row: bool) -> None:

@@ -10,7 +10,7 @@ import casadi as cs
 from piaffe.errors import ShapeError
 from piaffe.ocp import Constraint, Cost, LoweredMode
 
-from .kernel import PER_SAMPLE, Kernel
+from .batch_function import PER_SAMPLE, BatchFunction
 from .scoring import Scoring
 
 
@@ -23,11 +23,11 @@ class Evaluator:
     Args:
         scoring: the functions.
         engine: the engine's name.
-        stage: kernel of the stage.
-        terminal: kernel of the last node.
+        stage: cost and violation of a stage.
+        terminal: those of the last node.
     """
 
-    def __init__(self, scoring: Scoring, engine: str, stage: Kernel, terminal: Kernel) -> None:
+    def __init__(self, scoring: Scoring, engine: str, stage: BatchFunction, terminal: BatchFunction) -> None:
         self.scoring, self.engine = scoring, engine
         self._stage, self._terminal = stage, terminal
 
@@ -85,11 +85,11 @@ class Rows:
 
     Args:
         engine: the engine's name.
-        kernel: of the function.
+        function: what is evaluated.
     """
 
-    def __init__(self, engine: str, kernel: Kernel) -> None:
-        self.engine, self._kernel = engine, kernel
+    def __init__(self, engine: str, function: BatchFunction) -> None:
+        self.engine, self._function = engine, function
 
     def __call__(self, states: Any = None, controls: Any = None, p: Any = None, z: Any = None) -> Any:
         """Return the rows of the function's first output, (n, S, m); overwritten by the next call, as in an evaluator.
@@ -103,8 +103,8 @@ class Rows:
         Raises:
             ShapeError: an array does not fit, or one that the function reads is missing.
         """
-        where = f"rows of '{self._kernel.function.name()}'"
-        return _evaluate(self._kernel, where, {"x": states, "u": controls, "p": p, "z": z})[0]
+        where = f"rows of '{self._function.function.name()}'"
+        return _evaluate(self._function, where, {"x": states, "u": controls, "p": p, "z": z})[0]
 
 
 def rows_inputs(function: cs.Function) -> None:
@@ -122,10 +122,12 @@ def rows_inputs(function: cs.Function) -> None:
         )
 
 
-def _evaluate(kernel: Kernel, where: str, given: Mapping[str, Any], *, is_end: bool = False) -> list[Any]:
+def _evaluate(function: BatchFunction, where: str, given: Mapping[str, Any], *, is_end: bool = False) -> list[Any]:
     """Check shapes and evaluate; arrays of a last node lack the axis of steps."""
     arguments, n, steps = [], None, None
-    arrays = {name: kernel.array(given[name]) for name, size in kernel.inputs if size and given.get(name) is not None}
+    arrays = {
+        name: function.array(given[name]) for name, size in function.inputs if size and given.get(name) is not None
+    }
     if is_end:
         arrays = {name: a[:, None] if name == "x" and a.ndim == 2 else a[None] for name, a in arrays.items()}
     for name, array in arrays.items():
@@ -134,10 +136,10 @@ def _evaluate(kernel: Kernel, where: str, given: Mapping[str, Any], *, is_end: b
         elif name not in PER_SAMPLE and array.ndim == 2 and steps is None:
             steps = array.shape[0]
     n, steps = 1 if n is None else n, 1 if steps is None else steps
-    for name, size in kernel.inputs:
+    for name, size in function.inputs:
         shape = (n, steps, size) if name in PER_SAMPLE else (steps, size)
         if size == 0:
-            arguments.append(kernel.array([]).reshape(shape))
+            arguments.append(function.array([]).reshape(shape))
             continue
         got = arrays[name].shape if name in arrays else None
         if got != shape:
@@ -146,7 +148,7 @@ def _evaluate(kernel: Kernel, where: str, given: Mapping[str, Any], *, is_end: b
                 f"{where}: {_SPOKEN.get(name, name)} does not fit - got {got or 'none'}, expected {shape}; {advice}"
             )
         arguments.append(arrays[name])
-    return kernel(arguments, n, steps)
+    return function(arguments, n, steps)
 
 
 _SPOKEN = {"x": "states", "u": "controls"}

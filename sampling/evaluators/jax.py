@@ -8,10 +8,10 @@ from typing import Any
 import casadi as cs
 
 from ..translate import import_jax, instructions
-from .kernel import PER_SAMPLE, Kernel
+from .batch_function import PER_SAMPLE, BatchFunction
 
 
-class JaxKernel(Kernel):
+class JaxFunction(BatchFunction):
     """A function's instructions on JAX arrays, in the precision of its arguments.
 
     Raises:

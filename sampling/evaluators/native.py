@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from piaffe.codegen import SOLVER_FLAGS, aligned_zeros, build, generate, load, run_in_parallel, shares
 
-from .kernel import PER_SAMPLE, Kernel
+from .batch_function import PER_SAMPLE, BatchFunction
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(enco
     "run.h", "run.c"
 )}  # fmt: skip
 _DOUBLE = 8  # bytes
-_SHARE = 64  # blocks of lanes that are worth a thread: some ten microseconds of work
+_SHARE = 64  # blocks of samples that are worth a thread: some ten microseconds of work
 _KEPT = 8  # results, of as many numbers of samples and steps
 
 
@@ -45,8 +45,8 @@ class Library:
 
     Args:
         loaded: the library.
-        width: lanes.
-        work: doubles of work per lane and function.
+        width: samples per instruction.
+        work: doubles of work per sample and function.
     """
 
     loaded: ct.CDLL
@@ -77,14 +77,14 @@ def library_of(functions: tuple[tuple[str, cs.Function], ...], label: str = "sam
     return Library(load(built), built.width, units.work)
 
 
-class NativeKernel(Kernel):
+class NativeFunction(BatchFunction):
     """A function of a compiled library.
 
     Args:
         library: the library.
         name: of the function in it.
         function: the function.
-        by_row: see :class:`Kernel`.
+        by_row: see :class:`BatchFunction`.
         threads: how many share the samples.
     """
 
@@ -94,8 +94,8 @@ class NativeKernel(Kernel):
         self._run = library.loaded.run
         self._run.restype = None
         self._address = ct.cast(getattr(library.loaded, name), ct.c_void_p)
-        lanes = sum(size for _, size in self.inputs) + sum(self.sizes) + library.work[name]
-        self._memory = [aligned_zeros(lanes * library.width) for _ in range(threads)]
+        numbers = sum(size for _, size in self.inputs) + sum(self.sizes) + library.work[name]
+        self._memory = [aligned_zeros(numbers * library.width) for _ in range(threads)]
         self._in = (_Input * max(len(self.inputs), 1))()
         self._pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
         self._results: dict[tuple[int, int], tuple[list[Array], ct.Array[_Output]]] = {}

@@ -10,14 +10,14 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import PER_SAMPLE, Kernel
+from .batch_function import PER_SAMPLE, BatchFunction
 
 Array = NDArray[np.float64]
 
 _SHARE = 1024  # samples at a time: the time to map a function grows with their number
 
 
-class VmKernel(Kernel):
+class VmFunction(BatchFunction):
     """A function mapped over the samples of a step."""
 
     def __call__(self, arguments: Sequence[Array], n: int, steps: int) -> list[Array]:

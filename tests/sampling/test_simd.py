@@ -1,4 +1,4 @@
-"""Roll-outs in lanes are MuJoCo's, whatever the robot, the ground, and how samples are shared out."""
+"""Roll-outs with SIMD are MuJoCo's, whatever the robot, the ground, and how samples are shared out."""
 
 import copy
 from types import SimpleNamespace
@@ -11,15 +11,13 @@ from piaffe import models
 from piaffe.codegen.compilers import NoCompilerError
 from piaffe.errors import SamplingError
 from piaffe.models import SoftContact
-from piaffe.sampling.engines import engine_for
-from piaffe.sampling.engines import simd as lanes
-from piaffe.sampling.engines import simd_text as lanes_text
+from piaffe.sampling.engines import engine_for, simd, simd_text
 from piaffe.sampling.engines.engine import MAX_SPEED
 from piaffe.sampling.engines.native import NativeEngine
 from piaffe.sampling.engines.simd import DifferentError, SimdEngine
 from tests.robots import ROBOTS
 
-N, STEPS = 37, 8  # no whole number of lanes
+N, STEPS = 37, 8  # no multiple of what an instruction takes
 
 TERRAINS = {
     "flat": models.terrain.flat(),
@@ -244,7 +242,7 @@ def test_what_it_does_not_simulate_is_named_and_left_to_mujoco(changes, message)
         assert isinstance(engine, NativeEngine)
 
 
-def test_auto_takes_lanes_where_it_can():
+def test_auto_takes_simd_where_it_can():
     with engine_for(simulated(), threads=1) as engine:
         assert isinstance(engine, SimdEngine)
 
@@ -253,7 +251,7 @@ def test_without_a_compiler_auto_takes_mujoco(monkeypatch):
     def fail(*args, **options):
         raise NoCompilerError("no compiler")
 
-    monkeypatch.setattr(lanes, "build", fail)
+    monkeypatch.setattr(simd, "build", fail)
     with pytest.raises(SamplingError, match=r'simd engine: no compiler; install one, pip install "piaffe\[compiler'):
         SimdEngine(simulated())
     with engine_for(simulated()) as engine:
@@ -265,7 +263,7 @@ def test_another_mujoco_is_noticed_before_use(monkeypatch, terrain):
     def in_order(most, rounds):
         return [[k for count in range(1, most + 1) for k in range(count)]] * rounds
 
-    monkeypatch.setattr(lanes_text, "orders", in_order)
+    monkeypatch.setattr(simd_text, "orders", in_order)
     model = simulated(terrain=TERRAINS[terrain])
     with pytest.raises(DifferentError, match=r"states differ from those of MuJoCo \d.* - got .* less than 1e-07"):
         SimdEngine(model)
@@ -276,7 +274,7 @@ def test_another_mujoco_is_noticed_before_use(monkeypatch, terrain):
 def test_trials_that_all_diverge_are_no_agreement(monkeypatch):
     model = simulated()
     lost = np.full((32, 37), np.nan), np.zeros((32, 3, 12))
-    monkeypatch.setattr(lanes, "_about_the_grounds", lambda *args: lost)
+    monkeypatch.setattr(simd, "_about_the_grounds", lambda *args: lost)
     with pytest.raises(DifferentError, match="0 of 32 trials finite"):
         SimdEngine(model)
 
@@ -286,7 +284,7 @@ def test_what_is_in_the_cache_is_not_written_again(monkeypatch):
         raise AssertionError("written again")
 
     SimdEngine(simulated()).close()
-    monkeypatch.setattr(lanes, "generate", fail)
+    monkeypatch.setattr(simd, "generate", fail)
     SimdEngine(simulated()).close()
     changed = models.Mujoco(models.load("solo12"), payload=models.payload(0.01 * np.random.default_rng().uniform()))
     with pytest.raises(AssertionError, match="written again"):

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from piaffe.codegen import simd as lanes
+from piaffe.codegen import simd
 from piaffe.errors import ModelError, SamplingError
 from piaffe.sampling.translate import NUMPY_ERF, instructions, translate
 
@@ -69,8 +69,8 @@ def test_an_operation_gives_casadis_numbers(name):
         np.testing.assert_allclose(in_jax, want, rtol=1e-13, atol=1e-14)
 
 
-def test_every_operation_of_the_lanes_is_here():
-    assert {getattr(cs, name) for name in UNARY | BINARY} | {cs.OP_SIN, cs.OP_COS} == set(lanes._TEMPLATES) | {
+def test_every_operation_of_the_simd_code_is_here():
+    assert {getattr(cs, name) for name in UNARY | BINARY} | {cs.OP_SIN, cs.OP_COS} == set(simd._TEMPLATES) | {
         cs.OP_SIN, cs.OP_COS,
     }  # fmt: skip
 

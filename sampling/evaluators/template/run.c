@@ -1,4 +1,4 @@
-/* A function in lanes over samples: for each step, its shared inputs once, then PIAFFE_W samples at a time. */
+/* A function with SIMD over samples: for each step, its shared inputs once, then PIAFFE_W samples at a time. */
 #include <string.h>
 
 #include "run.h"

@@ -1,4 +1,4 @@
-/* Functions in lanes over samples and steps. */
+/* Functions with SIMD over samples, and over steps. */
 #ifndef PIAFFE_RUN_H
 #define PIAFFE_RUN_H
 

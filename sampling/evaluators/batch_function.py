@@ -13,7 +13,7 @@ PER_SAMPLE = ("x", "u", "z")
 """Names of inputs that differ between samples; all others are of the step alone."""
 
 
-class Kernel(ABC):
+class BatchFunction(ABC):
     """A function y = f(x, u, z, p, ...) evaluated over n samples and S steps.
 
     Not reentrant: results of an engine other than JAX are kept and overwritten by the next call for as many samples
