@@ -225,6 +225,45 @@ def test_warm_start_of_a_changed_problem_is_shorter_than_a_cold_one() -> None:
     assert warm.cost == pytest.approx(cold.cost, rel=1e-3)
 
 
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_a_start_that_was_no_solution_does_not_end_the_barrier(backend: Backend) -> None:
+    """A solve that stopped at its first sub-problem's solution has not shown by how much the barrier bends it."""
+    ball = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+        modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81}},
+    )  # fmt: skip
+    hover = ocp.Problem(
+        ocp.Motion(ocp.Phase("hover", "fall", 0.5)), ball.until_end(dt=0.05),
+        ocp.Objective(ocp.track("thrust", 0.1, to=9.81), ocp.track("z", 20.0, to=0.3, at="end")),
+        ocp.Constraints(ocp.inequality(lambda s: s.z, lower=0.0, name="floor", unit="m")), initial=[0.2, 0.0],
+    )  # fmt: skip
+    problem, patient = compile_problem(hover), replace(ACCURATE, max_inner=100, barrier_weight=10.0)
+    weights = [record.barrier_weight for record in MSiLQR(problem, patient, backend=backend).solve().history]
+    first = replace(patient, max_iterations=weights.count(weights[0]))
+    part = MSiLQR(problem, first, backend=backend).solve()
+    assert part.status is Status.ITERATION_LIMIT
+    assert part.max_inequality <= ACCURATE.max_inequality
+    best = referee(problem).cost
+    assert part.cost > best + 1e-3 * (1 + best)
+    rest = MSiLQR(problem, patient, backend=backend).solve(replace(part, search=None))
+    assert rest.converged
+    assert rest.cost == pytest.approx(best, abs=1e-4 * (1 + best))
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_a_start_may_have_either_sign_of_each_quaternion(backend: Backend) -> None:
+    """q and −q are one attitude: turned over at every other node, a solution is still one, without a defect."""
+    found = MSiLQR(compiled("flying body"), ACCURATE, backend=backend).solve()
+    (phase,) = found.trajectory.phases
+    states = phase.states.copy()
+    states[1::2, 3:7] *= -1
+    turned = replace(found, trajectory=replace(found.trajectory, phases=(replace(phase, states=states),)))
+    again = MSiLQR(compiled("flying body"), ACCURATE, backend=backend).solve(turned)
+    assert (again.status, again.iterations) == (Status.CONVERGED, 0)
+    assert again.cost == pytest.approx(found.cost, rel=1e-12)
+    assert again.max_defect == pytest.approx(found.max_defect, abs=1e-12)
+
+
 def test_warm_start_of_other_phases_is_refused() -> None:
     with pytest.raises(
         SolverError, match=r"warm start: does not fit .*got phases \[\('swing', 30, 4, 1\)\].*'drop', 18"
