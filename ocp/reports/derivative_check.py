@@ -2,7 +2,8 @@
 
 For each mode and transition the check takes nodes of the initial guess and random states near them. A derivative J is
 compared with central differences D(h) and D(h/2). These also give their own accuracy: the truncation error of D(h/2) is
-about |D(h) − D(h/2)| / 3, its rounding error about ε |f| / h. |J − D(h/2)| must not exceed a small multiple of that sum.
+about |D(h) − D(h/2)| / 3, its rounding error about ε |f| / h. |J − D(h/2)| must not exceed a small multiple of that
+sum.
 """
 
 from __future__ import annotations
