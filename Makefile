@@ -82,6 +82,7 @@ bench: $(VENV)-bench/bench.stamp
 	$(VENV)-bench/bin/python benchmarks/scaling.py --save
 	$(VENV)-bench/bin/python benchmarks/cold_start.py --save
 	$(VENV)-bench/bin/python benchmarks/contacts.py --save
+	$(VENV)-bench/bin/python benchmarks/plan_time.py --save
 	$(VENV)-bench/bin/python benchmarks/figures.py
 
 bench-native: $(VENV)-bench/bench.stamp
