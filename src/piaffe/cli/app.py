@@ -1,4 +1,4 @@
-"""The command line: arguments in, text out; the work is done elsewhere and imported when it is needed."""
+"""The command line application; a command imports the packages that it needs when it runs."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ app = typer.Typer(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command and return its exit code; errors of Piaffe's own become one line on standard error."""
-    given = sys.argv[1:] if arguments is None else arguments
-    show = "--traceback" in given or bool(os.environ.get("PIAFFE_TRACEBACK"))
+    """Run a command and return its exit code; an error of Piaffe is printed as one line on standard error."""
+    words = sys.argv[1:] if arguments is None else arguments
+    show = "--traceback" in words or bool(os.environ.get("PIAFFE_TRACEBACK"))
     try:
-        code = app([a for a in given if a != "--traceback"], prog_name="piaffe", standalone_mode=True)
+        code = app([word for word in words if word != "--traceback"], prog_name="piaffe", standalone_mode=True)
     except SystemExit as end:
         return int(end.code or 0) if isinstance(end.code, int | None) else FAILED
     except (PiaffeError, OSError) as error:
@@ -48,8 +48,8 @@ def main(arguments: list[str] | None = None) -> int:
     return int(code or 0)
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(show: bool) -> None:
+    if show:
         print(f"piaffe {__version__}")
         raise typer.Exit
 
@@ -59,7 +59,7 @@ def options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
-    traceback: Annotated[bool, typer.Option("--traceback", help="Show where an error came from.")] = False,
+    traceback: Annotated[bool, typer.Option("--traceback", help="Show the calls that led to an error.")] = False,
 ) -> None:
     """Declare a legged motion once; describe, solve, verify, plot and film it."""
 

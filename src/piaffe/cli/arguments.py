@@ -1,4 +1,4 @@
-"""What the commands' arguments and exit codes have in common."""
+"""Arguments and exit codes that several commands share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 FAILED, REFUSED = 1, 2
-"""Exit codes: the result is not what was hoped for; the command could not do what was asked."""
+"""Exit codes: the result of the command is negative (not converged, not verified); an error stopped the command."""
 
 File = Annotated[
     str, typer.Argument(metavar="FILE[:name]", help="Python file with `problem`, or another name after a colon.")

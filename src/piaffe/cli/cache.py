@@ -19,10 +19,10 @@ _UNITS = ((86400.0, "d"), (3600.0, "h"), (60.0, "min"), (0.0, "s"))
 
 
 def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all of them.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all compiled libraries.")] = False,
     json: Json = False,
 ) -> None:
-    """Show the compiled solvers that are kept: where, what for, how large and how old; or remove them."""
+    """List the compiled libraries in the cache, with purpose, size and age; or remove them."""
     from piaffe.codegen import Cache
 
     kept = Cache()
@@ -37,7 +37,7 @@ def cache(
 
 
 def cache_values(cache: Cache) -> dict[str, Any]:
-    """Return what ``cache --json`` prints."""
+    """Return the values that ``cache --json`` prints."""
     from piaffe.codegen import fault_of, this_cpu
 
     now, cpu = time.time(), this_cpu()
@@ -54,7 +54,7 @@ def cache_values(cache: Cache) -> dict[str, Any]:
 
 
 def print_cache(console: Console, values: dict[str, Any]) -> None:
-    """Print where the cache lies, how full it is, and a line per library."""
+    """Print the folder of the cache, its size, and a line per library."""
     entries = values["entries"]
     libraries = "library" if len(entries) == 1 else "libraries"
     console.print(f"{values['folder']}", markup=False, soft_wrap=True)
@@ -64,7 +64,7 @@ def print_cache(console: Console, values: dict[str, Any]) -> None:
     table = Table(box=None, pad_edge=False)
     for name in ("library", "for"):
         table.add_column(name)
-    for name in ("size", "built", "used", "compiled in", "lanes"):
+    for name in ("size", "built", "used", "compiled in", "SIMD lanes"):
         table.add_column(name, justify="right")
     table.add_column("")
     for entry in entries:
@@ -79,7 +79,7 @@ def print_cache(console: Console, values: dict[str, Any]) -> None:
 
 
 def megabytes(size: float) -> str:
-    """Return a size in words."""
+    """Return a size in bytes as text, in MiB or GiB."""
     return f"{size / 2**20:.1f} MiB" if size < 2**30 else f"{size / 2**30:.1f} GiB"
 
 

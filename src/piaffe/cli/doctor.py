@@ -1,4 +1,4 @@
-"""The command that looks for faults in a robot's description."""
+"""The command that checks a robot's description."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def doctor(
     ] = None,
     foot_radius: Annotated[float | None, typer.Option(help="Radius of the foot's ball [m].")] = None,
 ) -> None:
-    """Say what is wrong or missing in a robot's description. Exit code 1 if it cannot be used."""
+    """List what is wrong or missing in a robot's description. Exit code 1 if it cannot be used."""
     from piaffe.models import diagnose
 
     names = feet.replace(",", " ").split() if feet else None

@@ -1,4 +1,4 @@
-"""What is said of episodes: one object for machines, a table and a sentence for people."""
+"""Output of ``piaffe mppi``: one JSON object, or tables and a sentence."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .reports import new_table
 
 
 def episode_values(trial: Trial, episodes: Mapping[int, Episode]) -> dict[str, Any]:
-    """Return what ``mppi --json`` prints: settings, what came of all seeds together, and each seed.
+    """Return the values that ``mppi --json`` prints: settings, figures over all seeds, and figures of each seed.
 
     Args:
-        trial: what was run.
-        episodes: by seed.
+        trial: the trial.
+        episodes: its episodes by seed.
     """
     controller = trial.controller
     return {
@@ -35,7 +35,7 @@ def episode_values(trial: Trial, episodes: Mapping[int, Episode]) -> dict[str, A
 
 
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return what came of several episodes' summaries together: counts, means over episodes, worst cases."""
+    """Return figures over the summaries of several episodes: counts, means, worst cases."""
     names = list(rows[0]["missed_percent"])
     missed = {name: float(np.mean([row["missed_percent"][name] for row in rows])) for name in names}
     return {
@@ -60,7 +60,7 @@ def mean(rows: Sequence[Mapping[str, Any]], key: str) -> float:
 
 
 def print_episodes(console: Console, trial: Trial, values: Mapping[str, Any]) -> None:
-    """Print a line per seed, the means of all, what each constraint missed, and the verdict."""
+    """Print a line per seed, means over seeds, the mean violation of each constraint, and the number of successes."""
     settings, dt, kind = values["settings"], values["dt_s"], type(trial.controller)
     value = "" if not kind.uses_value else ", with a value" if settings["value"] else ", without a value"
     console.print(
@@ -70,8 +70,8 @@ def print_episodes(console: Console, trial: Trial, values: Mapping[str, Any]) ->
         soft_wrap=True,
     )
     shown = new_table(
-        "seed", ">steps", ">reward", ">missed", ">speed error", ">ms per plan", ">95 %", ">samples that count", ">NaN",
-        "how it ended",
+        "seed", ">steps", ">reward", ">violation", ">speed error", ">ms per plan", ">95 %", ">effective samples",
+        ">NaN", "end",
     )  # fmt: skip
     for row in values["episodes"]:
         shown.add_row(str(row["seed"]), str(row["steps"]), *_cells(row), _end(row))

@@ -16,7 +16,7 @@ from .reports import plain, terminal
 
 
 def describe(file: File) -> None:
-    """Print the compiled phases, what bound where, what did not and why, and warnings."""
+    """Print the compiled phases, the models in which each term is bound (or why it is not), and warnings."""
     from piaffe.ocp import compile_problem, load_problem
     from piaffe.ocp import describe as text
 
@@ -27,9 +27,9 @@ def solve(
     file: File,
     save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the solution, converged or not.")] = None,
     json: Json = False,
-    max_iterations: Annotated[int | None, typer.Option(min=1, help="Stop after so many iterations.")] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Stop after so many seconds.")] = None,
-    warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Begin from a saved solution.")] = None,
+    max_iterations: Annotated[int | None, typer.Option(min=1, help="Largest number of iterations.")] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Time limit [s].")] = None,
+    warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Start from a saved solution.")] = None,
     backend: Annotated[str, typer.Option(help="native (compiled C) or numpy (the readable reference).")] = "native",
 ) -> None:
     """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
@@ -40,8 +40,8 @@ def solve(
     from .reports import as_json, print_solution, solution_values
 
     problem = load_problem(file, quiet=json)
-    given: dict[str, Any] = {"max_iterations": max_iterations, "time_limit_s": time_limit}
-    settings = replace(Options(), **{key: value for key, value in given.items() if value is not None})
+    limits: dict[str, Any] = {"max_iterations": max_iterations, "time_limit_s": time_limit}
+    settings = replace(Options(), **{key: value for key, value in limits.items() if value is not None})
     start = None if warm_start is None else Solution.load(warm_start)
     began = time.perf_counter()
     solver = start_solver(problem, settings, backend)
@@ -62,10 +62,10 @@ def solve(
 
 
 def verify(solution: Saved, file: File, json: Json = False) -> None:
-    """Recompute every defect, equality and inequality without the solver. Exit code 1 if some bound is missed."""
+    """Recompute every defect, equality and inequality without the solver. Exit code 1 if a bound is exceeded."""
     from piaffe.ocp import compile_problem, load_problem
     from piaffe.ocp import verify as recompute
-    from piaffe.solvers import Solution  # to read the file; nothing of the solver is run
+    from piaffe.solvers import Solution  # only to read the file
 
     from .reports import as_json, print_verification, verification_values
 
@@ -83,11 +83,11 @@ def verify(solution: Saved, file: File, json: Json = False) -> None:
 def check(
     file: File,
     points: Annotated[
-        int, typer.Option(min=1, help="Nodes of the initial guess per mode, and as many random states.")
+        int, typer.Option(min=1, help="Nodes of the initial guess per mode, and the same number of random states.")
     ] = 3,
     seed: Annotated[int, typer.Option(help="Seed of the random states.")] = 0,
 ) -> None:
-    """Compare every derivative with finite differences, scan the initial guess for NaN, report units and sizes."""
+    """Compare every derivative with finite differences, check the initial guess for NaN, print units and sizes."""
     from piaffe.ocp import check_derivatives, check_guess, compile_problem, find_warnings, load_problem, report
 
     from .reports import print_derivatives, print_dimensions
@@ -100,16 +100,16 @@ def check(
     except PiaffeError as error:
         failures += 1
         console.print(f"[bold red]error:[/] {plain(str(error))}", soft_wrap=True)
-    findings = check_derivatives(compiled, points=points, seed=seed)
-    failures += sum(not finding.agrees for finding in findings)
-    print_derivatives(console, findings)
+    checks = check_derivatives(compiled, points=points, seed=seed)
+    failures += sum(not each.agrees for each in checks)
+    print_derivatives(console, checks)
     console.print()
     print_dimensions(console, *report(compiled))
     for warning in find_warnings(compiled):
         console.print(
             f"[bold yellow]warning:[/] {plain(warning.where)}: {plain(warning.text)}", highlight=False, soft_wrap=True
         )
-    agreed = sum(finding.agrees for finding in findings)
+    agreed = sum(each.agrees for each in checks)
     colour = "red" if failures else "green"
-    console.print(f"[bold {colour}]{agreed} of {len(findings)} blocks of derivatives agree[/]")
+    console.print(f"[bold {colour}]{agreed} of {len(checks)} blocks of derivatives agree[/]")
     raise typer.Exit(FAILED if failures else 0)

@@ -1,4 +1,4 @@
-"""What commands print: summaries, verifications and checks, for people and as JSON."""
+"""Output of the commands: summaries, verifications and checks, as tables and as JSON."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ _LOG_WIDTH = 150
 
 
 def terminal(*, stderr: bool = False) -> Console:
-    """Return where to print: as wide as the terminal, or wide enough for tables in a log."""
+    """Return the console for the output: as wide as the terminal, or, in a log, wide enough for the tables."""
     console = Console(stderr=stderr, highlight=False)
     return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=_LOG_WIDTH)
 
 
 def plain(text: str) -> str:
-    """Return text in which brackets are no markup."""
+    """Return text with escaped brackets, so that it contains no markup."""
     return text.replace("[", r"\[")
 
 
@@ -56,11 +56,11 @@ def as_json(values: dict[str, Any]) -> str:
 
 
 def solution_values(solution: Solution, wall_s: float) -> dict[str, Any]:
-    """Return what ``solve --json`` prints.
+    """Return the values that ``solve --json`` prints.
 
     Args:
         solution: the result.
-        wall_s: time from the problem loaded to the result in hand [s].
+        wall_s: time from the loaded problem to the result, compilation included [s].
     """
     return {
         "status": solution.status.name, "converged": solution.converged, "iterations": solution.iterations,
@@ -71,7 +71,7 @@ def solution_values(solution: Solution, wall_s: float) -> dict[str, Any]:
 
 
 def print_solution(console: Console, solution: Solution, wall_s: float) -> None:
-    """Print a summary: how it ended, what each term cost, what each constraint missed."""
+    """Print a summary: status, cost of each term, worst violation of each constraint."""
     colour = "green" if solution.converged else "red"
     console.print(f"[bold {colour}]{solution.status.name}[/] {solution.status.advice.partition(': ')[2]}")
     console.print(
@@ -97,7 +97,7 @@ def print_solution(console: Console, solution: Solution, wall_s: float) -> None:
 
 
 def verification_values(compiled: CompiledProblem, trajectory: Trajectory, result: Verification) -> dict[str, Any]:
-    """Return what ``verify --json`` prints."""
+    """Return the values that ``verify --json`` prints."""
     from piaffe.models import measures
 
     turns = measures.turns(trajectory)
@@ -107,18 +107,18 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
         "max_inequality": result.max_inequality, "turns_rad": None if turns is None else turns.tolist(),
         "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
         "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
-        "duration_s": trajectory.duration, "worst": _missed(worst),
-        **{f"worst_{kind}": _missed(result.worst(kind)) for kind in KINDS},
+        "duration_s": trajectory.duration, "worst": _violation_values(worst),
+        **{f"worst_{kind}": _violation_values(result.worst(kind)) for kind in KINDS},
     }  # fmt: skip
 
 
-def _missed(worst: Violation | None) -> dict[str, Any] | None:
-    """Return a violation without its multiplier, which a verification does not know."""
+def _violation_values(worst: Violation | None) -> dict[str, Any] | None:
+    """Return a violation without its multiplier, because a verification computes no multipliers."""
     return None if worst is None else {key: value for key, value in asdict(worst).items() if key != "multiplier"}
 
 
 def print_verification(console: Console, result: Verification, values: dict[str, Any]) -> None:
-    """Print a verification: the worst row of each kind against its bound, and what the motion amounts to."""
+    """Print a verification: the worst row of each kind, its bound, and the rotation and heights of the motion."""
     from piaffe.ocp import BOUNDS
 
     table = new_table("kind", ">worst", ">bound", "row", "phase", ">node", "unit", "declared")
@@ -145,32 +145,32 @@ def print_verification(console: Console, result: Verification, values: dict[str,
 # ---- check
 
 
-def print_derivatives(console: Console, findings: list[DerivativeCheck]) -> None:
-    """Print how the derivatives agree: one line per mode or reset, then what does not agree."""
-    table = new_table("derivatives of", ">blocks", ">largest error", ">trusted to", ">order", "at")
-    for where in dict.fromkeys(finding.where for finding in findings):
-        own = [finding for finding in findings if finding.where == where]
-        worst = max(own, key=lambda f: (not f.agrees, f.error / f.allowed if f.allowed else 0.0))
-        rates = [finding.rate for finding in own if finding.rate is not None]
+def print_derivatives(console: Console, checks: list[DerivativeCheck]) -> None:
+    """Print the comparison of derivatives: one line per mode or reset, then one per block that does not agree."""
+    table = new_table("derivatives of", ">blocks", ">largest error", ">allowed error", ">order", "at")
+    for where in dict.fromkeys(check.where for check in checks):
+        own = [check for check in checks if check.where == where]
+        worst = max(own, key=lambda each: (not each.agrees, each.error / each.allowed if each.allowed else 0.0))
+        rates = [check.rate for check in own if check.rate is not None]
         table.add_row(
             where, str(len(own)), f"{worst.error:.1e}", f"{worst.allowed:.1e}",
             f"{min(rates):.2f}" if rates else "exact", f"{worst.row} by {worst.by}",
         )  # fmt: skip
     console.print(table)
-    for finding in findings:
-        if finding.agrees:
+    for check in checks:
+        if check.agrees:
             continue
-        what = "is not finite here" if math.isinf(finding.error) else "disagrees with differences"
-        what = what if finding.smooth or math.isinf(finding.error) else "is not smooth here"
-        source = f" ({finding.source})" if finding.source else ""
+        what = "is not finite here" if math.isinf(check.error) else "disagrees with differences"
+        what = what if check.smooth or math.isinf(check.error) else "is not smooth here"
+        source = f" ({check.source})" if check.source else ""
         console.print(
-            f"[red]{finding.term}{source}[/]: {finding.output} by {finding.by} {what} at '{finding.row}' - got an "
-            f"error of {finding.error:.2e}, expected at most {finding.allowed:.2e}; {finding.where}",
+            f"[red]{check.term}{source}[/]: {check.output} by {check.by} {what} at '{check.row}' - got an "
+            f"error of {check.error:.2e}, expected at most {check.allowed:.2e}; {check.where}",
         )
 
 
 def print_dimensions(console: Console, costs: list[CostReport], constraints: list[ConstraintReport]) -> None:
-    """Print every term in numbers at the initial guess."""
+    """Print unit and size of every term at the initial guess."""
     table = new_table(
         "cost", "at", ">rows", "unit", ">weights", "weight unit", ">largest residual", ">cost at the guess"
     )
@@ -183,7 +183,7 @@ def print_dimensions(console: Console, costs: list[CostReport], constraints: lis
         )  # fmt: skip
     console.print(table)
     if constraints:
-        table = new_table("constraint", "kind", ">rows", "unit", ">scale", ">rows x nodes", ">missed", ">by at most")
+        table = new_table("constraint", "kind", ">rows", "unit", ">scale", ">rows x nodes", ">violated", ">largest")
         for row in constraints:
             table.add_row(
                 row.name, row.kind, str(row.rows), row.unit or "-", f"{row.scale:g}", str(row.counted), str(row.missed),
@@ -193,7 +193,7 @@ def print_dimensions(console: Console, costs: list[CostReport], constraints: lis
 
 
 def print_cells(console: Console, lines: Sequence[Mapping[str, str]]) -> None:
-    """Print the cells of a study, one a line."""
+    """Print the cells of a study, one per line."""
     shown = new_table(*(name if name == "method" else plain(f">{name}") for name in lines[0]))
     for line in lines:
         shown.add_row(*(plain(cell) for cell in line.values()))
@@ -201,7 +201,7 @@ def print_cells(console: Console, lines: Sequence[Mapping[str, str]]) -> None:
 
 
 def new_table(*columns: str) -> Table:
-    """Return an empty table; a column whose name begins with ">" is set to the right."""
+    """Return an empty table; a column with ">" before its name is aligned to the right."""
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
     for column in columns:
         right = column.startswith(">")
