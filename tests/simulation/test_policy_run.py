@@ -114,7 +114,7 @@ def test_what_is_far_from_the_plan_is_lost() -> None:
     run = run_policy(Policy(jump, gains), torque_plant(ROBOT))
     assert run.lost_at == pytest.approx(0.1)
     assert len(run.times) == 101
-    assert "lost the plan at 0.10 s of 0.20 s; base off by at most 0.3" in str(run)
+    assert "lost the plan at 0.10 s of 0.20 s; error of the base at most 0.3" in str(run)
     assert "followed the plan to its end, 0.20 s" in str(run_policy(Policy(*bow()), torque_plant(ROBOT)))
 
 

@@ -1,4 +1,4 @@
-"""The closed loop: a controller and a plant, step by step, with latency and with the ticks of a low level."""
+"""The closed loop of a controller and a plant, with latency and with the ticks of a low-level controller."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .plant import Plant
 Array = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]
-"""Called with steps done and steps in all."""
+"""Called with the number of finished steps and the number of all steps."""
 
 
 def run_episode(
@@ -38,19 +38,19 @@ def run_episode(
     """Run a controller against a plant, from the problem's initial state, until it falls or the steps are done.
 
     Args:
-        controller: any; it is reset first. One with a low level, see :class:`TickingController`, acts between plans.
+        controller: the controller; it is reset first. A :class:`TickingController` also acts between plans.
         plant: a ``models.Mujoco`` with the same control step, ``model.as_plant(timestep=0.002)`` by default.
-        steps: control steps.
-        seed: of what the controller draws.
+        steps: number of control steps.
+        seed: seed of the controller's random numbers.
         initial: state (nx,); the problem's by default.
-        latency: time from a state to the first effect of the plan made for it [s]; the plan before acts until then.
+        latency: time from a state to the first effect of its plan [s]; the previous plan acts until then.
         start: time since the motion's start [s].
-        fall: what counts as a fall, and ends the episode; ``models.Fall()`` by default.
+        fall: the condition of a fall, which ends the episode; ``models.Fall()`` by default.
         progress: called after every step.
 
     Raises:
-        SamplingError: there are no steps, the plant has other joints or another control step, or the latency is
-            longer than that.
+        SamplingError: ``steps`` is not positive, the plant has other joints or another control step, or the latency is
+            longer than a control step.
     """
     if steps < 1:
         raise SamplingError(f"episode: steps are out of range - got {steps!r}, expected at least 1; change them")
@@ -80,23 +80,23 @@ class _Loop:
     """A controller and a plant, one control step after another.
 
     Args:
-        controller: plans from the state at a step's start.
-        model: the plant's.
-        lag: steps of the simulator until that plan acts.
-        ticks: steps of the simulator per tick of the low level; 0 if there is none.
+        controller: the controller; it plans from the state at the start of a control step.
+        model: model of the plant.
+        lag: steps of the simulator until a plan acts.
+        ticks: steps of the simulator per tick; 0 if the controller has no ticks.
     """
 
     def __init__(self, controller: Controller, model: Mujoco, lag: int, ticks: int) -> None:
         self._controller, self._model, self._lag, self._ticks = controller, model, lag, ticks
 
     def begin(self, x: Array) -> None:
-        """Put the plant into its first state (nx,)."""
+        """Set the first state of the plant, (nx,)."""
         self.plant = Plant(self._model, x)
         self._control = self._controller.hold(x)
         self._planned = False
 
     def step(self, t: float) -> Plan:
-        """Return the plan made for time t [s] after the plant has made a control step."""
+        """Simulate the control step that starts at time t [s], and return its plan."""
         measured = self.plant.state
         self.plant.settle()
         self._advance(t, 0, self._lag)
@@ -108,27 +108,27 @@ class _Loop:
     def _advance(self, t: float, first: int, last: int) -> None:
         for i in range(first, last):
             if self._ticks and self._planned and (i % self._ticks == 0 or i == self._lag):
-                low = self._controller
-                assert isinstance(low, TickingController)  # it has ticks
-                self._control = np.asarray(low.tick(self.plant.state, t + i * self._model.timestep), dtype=float)
+                ticking = self._controller
+                assert isinstance(ticking, TickingController)  # it has ticks
+                self._control = np.asarray(ticking.tick(self.plant.state, t + i * self._model.timestep), dtype=float)
             self.plant.step(self._control)
 
 
 def _ticks(controller: Controller, plant: Mujoco) -> int:
-    """Return steps of the simulator per tick of a controller's low level; 0 if it has none."""
+    """Return the number of simulator steps per tick of a controller; 0 if it has no ticks."""
     if not isinstance(controller, TickingController):
         return 0
     ticks = round(controller.tick_dt / plant.timestep)
     if ticks < 1 or not is_same_time(ticks * plant.timestep, controller.tick_dt) or plant.substeps % ticks:
         raise SamplingError(
             f"episode: time between ticks is out of range - got {controller.tick_dt:g} s, expected a multiple of the "
-            f"plant's {plant.timestep:g} s of which {controller.dt:g} s is a multiple; change one of them"
+            f"plant's time step {plant.timestep:g} s that divides {controller.dt:g} s; change one of them"
         )
     return ticks
 
 
 def _lag(controller: Controller, plant: Any, latency: float) -> int:
-    """Return a latency in steps of the plant's simulator."""
+    """Return a latency as a number of simulator steps; raise if the plant does not fit the controller."""
     if not (isinstance(plant, Mujoco) and plant.robot.joint_names == controller.model.robot.joint_names):
         name, robot = getattr(plant, "name", plant), controller.model.robot.name
         raise SamplingError(
@@ -156,9 +156,9 @@ def _episode(
     count, dt = len(actions), controller.dt
     judged = controller.judge(states[:-1], actions, first * dt)
     where = controller.model.state.slices[base.position]
-    way = controller.place((first + count) * dt) - controller.place(first * dt)
-    commanded = float(np.linalg.norm(way))
-    ahead = way / commanded if commanded > 0 else np.zeros(2)
+    motion = controller.place((first + count) * dt) - controller.place(first * dt)
+    commanded = float(np.linalg.norm(motion))
+    direction = motion / commanded if commanded > 0 else np.zeros(2)
     covered = states[-1, where][:2] - states[0, where][:2]
     return Episode(
         times=np.asarray((first + np.arange(count + 1)) * dt, dtype=float),
@@ -170,7 +170,7 @@ def _episode(
         constraints=judged.constraints,
         steps=steps,
         fell=fell,
-        distance=float(covered @ ahead),
+        distance=float(covered @ direction),
         commanded=commanded,
         plan_ms=plan_ms,
         effective_samples=np.array([row.get("effective_samples", nan) for row in figures]),

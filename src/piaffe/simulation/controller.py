@@ -1,7 +1,7 @@
-"""What an episode asks of a controller, whatever its method.
+"""The interface of a controller in an episode.
 
-A controller plans every ``dt`` seconds. Without a low level, the plan's action is held until the next plan. With one
-(:class:`TickingController`), ``tick`` gives the control between plans, every ``tick_dt`` seconds.
+A controller plans every ``dt`` seconds. The plan's action is held until the next plan. A :class:`TickingController` has
+a low-level controller: ``tick`` returns the control between plans, every ``tick_dt`` seconds.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ Array = NDArray[np.float64]
 
 
 class Plan(Protocol):
-    """What a controller planned."""
+    """The plan of a controller."""
 
     @property
     def action(self) -> Array:
-        """Control from now on (nu,), in the plant's units: joint targets [rad] or torques [Nm]."""
+        """Control from the plan's time on (nu,), in the plant's units: joint targets [rad] or torques [Nm]."""
         ...
 
     @property
@@ -33,18 +33,18 @@ class Plan(Protocol):
 
     @property
     def figures(self) -> Mapping[str, float]:
-        """What else the method says of the plan, by name, as ``{"effective_samples": 23.5}``."""
+        """Further figures of the method about the plan, by name, as ``{"effective_samples": 23.5}``."""
         ...
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What states and controls cost, T of them.
+    """Cost, reward and violations of T states and controls.
 
     Args:
         cost: running cost (T,).
-        reward: of the cost (T,).
-        violation: of the rows of constraints (nc, T), divided by each row's scale.
+        reward: reward for the cost (T,).
+        violation: violations of the rows of constraints (nc, T), divided by each row's scale.
         constraints: the constraint that each row belongs to, (nc,).
     """
 
@@ -64,7 +64,7 @@ class Controller(Protocol):
 
     @property
     def model(self) -> Mujoco:
-        """What it controls, as it knows it; the plant may differ."""
+        """The controller's model of the robot; the plant may differ from it."""
         ...
 
     @property
@@ -73,11 +73,11 @@ class Controller(Protocol):
         ...
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget the last plan, and begin whatever is drawn anew."""
+        """Delete the last plan, and restart the random numbers from a seed."""
         ...
 
     def hold(self, x: Array) -> Array:
-        """Return the control that holds the joints where they are, (nu,); it acts before the first plan does."""
+        """Return the control that holds the joints at their positions, (nu,); it acts until the first plan."""
         ...
 
     def plan(self, x: ArrayLike, t: float) -> Plan:
@@ -85,29 +85,29 @@ class Controller(Protocol):
         ...
 
     def judge(self, states: Array, actions: Array, t: float) -> Judgement:
-        """Return what happened in the declared terms.
+        """Return cost, reward and violations of states and controls.
 
         Args:
-            states: (T, nx), ``dt`` apart.
+            states: (T, nx), at intervals of ``dt``.
             actions: (T, nu).
-            t: time of the first [s].
+            t: time of the first state [s].
         """
         ...
 
     def place(self, t: float) -> Array:
-        """Return where the reference wants the base at a time [s], x and y, (2,) [m]."""
+        """Return the target position of the base at a time [s], x and y, (2,) [m]."""
         ...
 
 
 @runtime_checkable
 class TickingController(Controller, Protocol):
-    """A controller with a low level, which acts between plans."""
+    """A controller with a low-level controller that acts between plans."""
 
     @property
     def tick_dt(self) -> float:
-        """Time between ticks [s]; a plan's time is a whole number of them."""
+        """Time between ticks [s]; ``dt`` is a multiple of it."""
         ...
 
     def tick(self, x: Array, t: float) -> Array:
-        """Return the control from now on (nu,), by the last plan."""
+        """Return the control for a state from time t [s] on, (nu,), from the last plan."""
         ...

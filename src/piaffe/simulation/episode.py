@@ -1,4 +1,4 @@
-"""Episodes: what came of a controller and a plant in closed loop."""
+"""Episodes: the record of a controller and a plant in closed loop."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """What happened in closed loop, up to a fall.
+    """The record of a closed loop, to its last step or to a fall.
 
     Args:
-        times: of the states, (T + 1,) [s].
-        states: of the plant (T + 1, nx).
+        times: times of the states (T + 1,) [s].
+        states: states of the plant (T + 1, nx).
         actions: (T, nu).
         cost: running cost at every step (T,).
-        reward: of the cost (T,).
-        violation: of the rows of constraints (nc, T), divided by each row's scale.
+        reward: reward for the cost (T,).
+        violation: violations of the rows of constraints (nc, T), divided by each row's scale.
         constraints: the constraint that each row belongs to, (nc,).
-        steps: how many steps were asked for.
-        fell: whether the robot fell within them.
-        distance: covered in the direction of the command, on the ground [m].
+        steps: number of requested steps.
+        fell: whether the robot fell.
+        distance: horizontal distance in the direction of the commanded motion [m].
         commanded: the distance that the reference covers in the same time [m].
         plan_ms: time of every plan (T,) [ms].
-        effective_samples: of every plan (T,).
-        failed_rollouts: NaN roll-outs in all.
+        effective_samples: effective number of samples of every plan (T,).
+        failed_rollouts: number of roll-outs with NaN in the episode.
     """
 
     times: Array
@@ -51,24 +51,24 @@ class Episode:
 
     @property
     def success(self) -> bool:
-        """Whether it stood to the end and covered at least 0.8 of the commanded distance."""
+        """Whether the robot did not fall, and covered at least 0.8 of the commanded distance."""
         return not self.fell and self.distance >= 0.8 * self.commanded
 
     @property
     def speed_error(self) -> float:
-        """How far the mean speed is from the commanded one [m/s]."""
+        """Absolute difference between the mean speed and the commanded one [m/s]."""
         return abs(self.distance - self.commanded) / float(self.times[-1] - self.times[0])
 
     @cached_property
     def missed(self) -> Mapping[str, float]:
-        """Mean violation of each constraint over the steps, of its worst row in every step."""
+        """Violation of each constraint: the worst row at every step, then the mean over the steps."""
         names = np.array(self.constraints)
         return {
             name: float(self.violation[names == name].max(axis=0).mean()) for name in dict.fromkeys(self.constraints)
         }
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures of the episode, as JSON-able values."""
+        """Return the figures of the episode, as values for JSON."""
         return {
             "success": self.success,
             "fell": self.fell,

@@ -1,4 +1,4 @@
-"""Forces of contact that MuJoCo found."""
+"""Contact forces of MuJoCo."""
 
 from __future__ import annotations
 

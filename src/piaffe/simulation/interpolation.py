@@ -16,7 +16,7 @@ def phase_index(trajectory: Trajectory, t: float) -> int:
 
 
 def node_before(part: PhaseTrajectory, t: float) -> tuple[int, float]:
-    """Return the stage that contains time t [s], and the share of it that has passed; clamped to the phase."""
+    """Return the stage that contains time t [s], and the elapsed fraction of it; clamped to the phase."""
     k = int(np.clip(np.searchsorted(part.times, t + SAME_TIME, side="right") - 1, 0, len(part.times) - 2))
     return k, float(np.clip((t - part.times[k]) / (part.times[k + 1] - part.times[k]), 0.0, 1.0))
 
@@ -26,7 +26,7 @@ def interpolate(part: PhaseTrajectory, states: Array, t: float) -> Array:
 
     Args:
         part: the phase, which has the times of the nodes and the manifold of the states.
-        states: at its nodes, (N + 1, nx): its own, or others as those that were asked for.
+        states: states at its nodes (N + 1, nx): its own, or others, for example the targets.
         t: time [s], clamped to the phase.
     """
     k, share = node_before(part, t)

@@ -1,4 +1,4 @@
-"""A plant: MuJoCo stepped with one control at a time, and watched for divergence."""
+"""A plant: MuJoCo, stepped with one control at a time, with a check for divergence."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from .forces import foot_forces
 Array = NDArray[np.float64]
 
 MAX_SPEED = 1e3
-"""No robot moves like this [m/s], [rad/s]; a simulation that does has lost all digits."""
+"""A simulation with a larger speed has diverged [m/s], [rad/s]."""
 
 
 class Plant:
-    """A simulated robot in some state.
+    """A simulated robot.
 
     Args:
-        model: what is simulated.
-        x: its state (nx,).
+        model: the robot in MuJoCo.
+        x: its first state (nx,).
     """
 
     def __init__(self, model: Mujoco, x: Array) -> None:
         self._mujoco = import_mujoco()
         compiled: Any = copy.copy(model.compiled())
         bits = self._mujoco.mjtDisableBit
-        compiled.opt.disableflags |= int(bits.mjDSBL_AUTORESET)  # a divergence is to be seen, not started over
+        compiled.opt.disableflags |= int(bits.mjDSBL_AUTORESET)  # without this, MuJoCo resets a diverged state
         compiled.opt.disableflags &= ~int(bits.mjDSBL_WARMSTART)
         self._compiled, self._data = compiled, self._mujoco.MjData(compiled)
         self._data.qpos[:], self._data.qvel[:] = x[: compiled.nq], x[compiled.nq :]
@@ -44,17 +44,17 @@ class Plant:
         return np.concatenate([self._data.qpos, self._data.qvel])
 
     def foot_forces(self) -> Array:
-        """Return the world force on each foot, (nf, 3) [N], of the last step; of its first state before any step."""
+        """Return the world force on each foot, (nf, 3) [N], in the last step; before any step, in the first state."""
         if self._steps == 0:
             self._mujoco.mj_forward(self._compiled, self._data)
         return foot_forces(self._compiled, self._data, self._feet)
 
     def settle(self) -> None:
-        """Let the contact solver start from nothing, as it does at the start of a controller's roll-outs."""
+        """Clear the warm start of the contact solver, as at the start of a controller's roll-outs."""
         self._data.qacc_warmstart[:] = 0.0
 
     def step(self, control: Array) -> None:
-        """Make a step of the simulator with a control (nu,); a plant that has failed stands still."""
+        """Make a step of the simulator with a control (nu,); after a failure the state does not change any more."""
         if self.failed or not np.all(np.isfinite(control)):
             self.failed = True
             return
@@ -72,7 +72,7 @@ class Plant:
 
 
 class _Silence:
-    """Keeps MuJoCo from printing a line and writing a log file when it diverges; the plant counts that itself."""
+    """Suppresses MuJoCo's message and its log file when it diverges; the plant detects a divergence itself."""
 
     def __init__(self, mujoco: Any) -> None:
         self._mujoco = mujoco
@@ -86,4 +86,4 @@ class _Silence:
 
 
 def _ignore(message: str) -> None:
-    """Drop a message."""
+    """Ignore a message."""

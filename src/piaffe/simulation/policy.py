@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 class PhasePolicy(Protocol):
-    """What a solution holds of the policy of one phase of N stages."""
+    """The policy of one phase of a solution, with N stages."""
 
     @property
     def feedback(self) -> Array:
@@ -26,7 +26,7 @@ class PhasePolicy(Protocol):
 
 
 class Solved(Protocol):
-    """A solution, whoever found it: a trajectory, and gains for each of its phases."""
+    """A solution of any solver: a trajectory, and gains for each of its phases."""
 
     @property
     def trajectory(self) -> Trajectory:
@@ -40,13 +40,13 @@ class Solved(Protocol):
 
 
 class Planned(NamedTuple):
-    """What a plan says of one time.
+    """A plan at one time.
 
     Attributes:
         phase: index of the phase.
-        part: that phase.
-        stage: index of the stage in it.
-        state: x̄ between the nodes, (nx,).
+        part: the phase.
+        stage: index of the stage in the phase.
+        state: x̄, interpolated between the nodes, (nx,).
     """
 
     phase: int
@@ -56,9 +56,10 @@ class Planned(NamedTuple):
 
 
 class Policy:
-    """A plan and the gains about it: u = ū + K (x ⊖ x̄).
+    """A plan with feedback gains: u = ū + K (x ⊖ x̄).
 
-    x̄ is interpolated between the nodes; ū and K hold for a stage. After the plan's end, the last stage's hold.
+    x̄ is interpolated between the nodes; ū and K are constant in a stage. After the plan's end, those of the last stage
+    apply.
 
     Args:
         trajectory: the plan; its phases have states of one size.
@@ -85,14 +86,14 @@ class Policy:
 
     @staticmethod
     def of(solution: Solved, nx: int) -> Policy:
-        """Return the policy of a solution, up to the first phase whose states are of another size.
+        """Return the policy of a solution, up to the first phase with states of another size.
 
         Args:
             solution: the solution.
-            nx: size of the states of the plant that it is for.
+            nx: size of the plant's states.
 
         Raises:
-            ModelError: its first phase has states of another size.
+            ModelError: the first phase has states of another size.
         """
         parts = solution.trajectory.phases
         n = next((i for i, part in enumerate(parts) if part.states.shape[1] != nx), len(parts))
@@ -119,13 +120,13 @@ class Policy:
         return np.asarray(self.trajectory.phases[0].states[0])
 
     def planned(self, t: float) -> Planned:
-        """Return what the plan says of time t [s]."""
+        """Return the plan at time t [s]."""
         i = phase_index(self.trajectory, t)
         part = self.trajectory.phases[i]
         return Planned(i, part, node_before(part, t)[0], interpolate(part, part.states, t))
 
     def off(self, x: Array, t: float) -> Array:
-        """Return how far a state is from the plan, x ⊖ x̄, (ndx,)."""
+        """Return the deviation of a state from the plan at time t [s], x ⊖ x̄, (ndx,)."""
         planned = self.planned(t)
         return planned.part.state.np_minus(x, planned.state)
 

@@ -1,4 +1,4 @@
-"""A policy as a controller of episodes: between plans, its low level acts at every tick."""
+"""A policy as a controller in episodes; it computes the control at every tick."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .policy import Policy
 Array = NDArray[np.float64]
 
 Judge = Callable[[Array, Array, float], Judgement]
-"""What says what states (T, nx) and actions (T, nu) from a time [s] on cost."""
+"""A function of states (T, nx), actions (T, nu) and the time of the first [s], which returns their cost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class PolicyPlan:
 
     Args:
         action: (nu,) [Nm].
-        seconds: empty: nothing is planned anew.
+        seconds: empty, because nothing is planned.
         figures: empty.
     """
 
@@ -39,14 +39,14 @@ class PolicyController:
     """A :class:`TickingController` that applies a policy, u = ū + K (x ⊖ x̄), at every tick.
 
     Args:
-        policy: of a plan for this robot's whole body.
+        policy: policy of a plan for the whole-body model of this robot.
         model: the robot, with ``action=models.torques()``; its ``dt`` is the time between plans.
-        tick_dt: time between ticks [s], by default a step of the model's simulator.
-        judge: what an episode's states and controls cost. By default the cost is |x ⊖ x̄|², the squared distance from
-            the plan in the tangent, the reward exp(−cost), and there are no constraints.
+        tick_dt: time between ticks [s]; by default a step of the model's simulator.
+        judge: cost of an episode's states and controls. By default the cost is |x ⊖ x̄|², the squared distance from the
+            plan in the tangent, the reward is exp(−cost), and there are no constraints.
 
     Raises:
-        SamplingError: the model's controls are not torques, or its states are not the policy's.
+        SamplingError: the model's controls are not torques, or its states have another size than the policy's.
     """
 
     def __init__(
@@ -72,14 +72,14 @@ class PolicyController:
         return self.policy.initial
 
     def reset(self, seed: int | None = None) -> None:
-        """Do nothing: a policy remembers nothing and draws nothing."""
+        """Do nothing: a policy has no memory and no random numbers."""
 
     def hold(self, x: Array) -> Array:
         """Return the policy's control at the plan's start, (nu,) [Nm]."""
         return self.policy.control(x, self.policy.start)
 
     def plan(self, x: ArrayLike, t: float) -> PolicyPlan:
-        """Return the policy's control of a state (nx,) at a time [s]."""
+        """Return the policy's control for a state (nx,) at a time [s]."""
         return PolicyPlan(self.policy.control(np.asarray(x, dtype=float), t))
 
     def tick(self, x: Array, t: float) -> Array:
@@ -87,17 +87,17 @@ class PolicyController:
         return self.policy.control(x, t)
 
     def judge(self, states: Array, actions: Array, t: float) -> Judgement:
-        """Return what happened.
+        """Return cost, reward and violations of states and controls.
 
         Args:
-            states: (T, nx), ``dt`` apart.
+            states: (T, nx), at intervals of ``dt``.
             actions: (T, nu).
-            t: time of the first [s].
+            t: time of the first state [s].
         """
         return self._judge(states, actions, t)
 
     def place(self, t: float) -> Array:
-        """Return where the plan has the base at a time [s], x and y, (2,) [m]."""
+        """Return the planned position of the base at a time [s], x and y, (2,) [m]."""
         planned = self.policy.planned(t)
         return planned.state[planned.part.state.slices[base.position]][:2]
 

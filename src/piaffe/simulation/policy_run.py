@@ -1,4 +1,4 @@
-"""Playing a policy in MuJoCo, which simulates the contacts instead of prescribing them."""
+"""Simulation of a policy in MuJoCo; contacts are simulated, not prescribed."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from .policy import Policy
 Array = NDArray[np.float64]
 
 LOST_M, LOST_RAD = 0.3, 1.0
-"""Further from the plan than this, in position or orientation of the base, it is no longer followed."""
+"""The plan is lost if the error of the base exceeds this, in position or in orientation."""
 
 
 @dataclass(frozen=True, eq=False)
 class PolicyRun:
-    """What a policy did in simulation, at T steps of the simulator.
+    """The record of a simulated policy, at T steps of the simulator.
 
     Args:
         times: (T,) [s].
-        states: of the plant (T, nx).
+        states: states of the plant (T, nx).
         planned: states of the plan (T, nx).
         phases: index of the plan's phase, (T,).
-        forces: on the feet in world axes, (T, nf, 3) [N]: of the step that led to the state.
-        position: error of the base (T,) [m]. orientation: likewise [rad].
-        lost_at: when the plan was lost [s], None if it was followed to its end.
-        duration: of the plan [s].
-        saturated: share of the steps at which some torque was at its limit.
+        forces: forces on the feet in world axes (T, nf, 3) [N], in the step before each state.
+        position: position error of the base (T,) [m]. orientation: its orientation error (T,) [rad].
+        lost_at: time at which the plan was lost [s]; None if it was followed to its end.
+        duration: duration of the plan [s].
+        saturated: fraction of the steps at which a torque was at its limit.
     """
 
     times: Array
@@ -51,18 +51,18 @@ class PolicyRun:
         else:
             how = f"lost the plan at {self.lost_at:.2f} s of {self.duration:.2f} s"
         return (
-            f"simulation {how}; base off by at most {self.position.max():.3f} m and {self.orientation.max():.3f} rad, "
-            f"at last {self.position[-1]:.3f} m and {self.orientation[-1]:.3f} rad; torque limits reached in "
-            f"{100 * self.saturated:.0f} % of the steps"
+            f"simulation {how}; error of the base at most {self.position.max():.3f} m and "
+            f"{self.orientation.max():.3f} rad, at the end {self.position[-1]:.3f} m and "
+            f"{self.orientation[-1]:.3f} rad; torque limits reached in {100 * self.saturated:.0f} % of the steps"
         )
 
 
 def torque_plant(robot: Robot, *, timestep: float = 1e-3, friction: float = 0.6) -> Mujoco:
-    """Return a robot with torques as controls and feet that give less than MuJoCo's default.
+    """Return a robot with torques as controls and with stiffer contacts than MuJoCo's default.
 
     Args:
         robot: the robot.
-        timestep: of the simulator [s].
+        timestep: time step of the simulator [s].
         friction: sliding friction coefficient of the feet.
     """
     contact = SoftContact(
@@ -73,24 +73,26 @@ def torque_plant(robot: Robot, *, timestep: float = 1e-3, friction: float = 0.6)
 
 
 def run_policy(policy: Policy, plant: Mujoco) -> PolicyRun:
-    """Play a policy from the plan's first state, at every step of the simulator, to the plan's end or until it is lost.
+    """Simulate a policy from the plan's first state to the plan's end, or until the plan is lost.
+
+    The control is computed at every step of the simulator.
 
     Args:
         policy: the policy.
-        plant: the robot, with torques as controls, as :func:`torque_plant` makes it.
+        plant: the robot with torques as controls, as :func:`torque_plant` returns it.
     """
     simulated, limits = Plant(plant, policy.initial), plant.robot.torque_limit
     times, states, planned, phases, forces, errors = [], [], [], [], [], []
     lost, full = None, 0
     for step in range(round((policy.end - policy.start) / plant.timestep) + 1):
         t, x = policy.start + step * plant.timestep, simulated.state
-        wanted = policy.planned(t)
-        off = wanted.part.state.np_minus(x, wanted.state)
-        errors.append((float(np.linalg.norm(off[:3])), float(np.linalg.norm(off[3:6]))))
+        plan = policy.planned(t)
+        deviation = plan.part.state.np_minus(x, plan.state)
+        errors.append((float(np.linalg.norm(deviation[:3])), float(np.linalg.norm(deviation[3:6]))))
         times.append(t)
         states.append(x)
-        planned.append(wanted.state)
-        phases.append(wanted.phase)
+        planned.append(plan.state)
+        phases.append(plan.phase)
         forces.append(simulated.foot_forces())
         if simulated.failed or errors[-1][0] > LOST_M or errors[-1][1] > LOST_RAD:
             lost = t

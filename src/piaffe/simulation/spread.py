@@ -1,4 +1,4 @@
-"""How initial states differ from seed to seed, so that a controller is not judged by one of them."""
+"""Random initial states, so that the result of a controller does not depend on one initial state."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from piaffe.models import base, joints
 
 Array = NDArray[np.float64]
 
-_OWN_STREAM = 1  # perturbations of plans are drawn from the seed alone
+_OWN_STREAM = 1  # separates these random numbers from the perturbations of plans, which use the seed alone
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """Standard deviations of an initial state; position and orientation of the base stay.
+    """Standard deviations of random initial states; position and orientation of the base do not change.
 
     Args:
         joints: of every joint's angle [rad].
@@ -27,7 +27,7 @@ class Spread:
         angular_velocity: of the base's angular velocity, per axis [rad/s].
 
     Raises:
-        SamplingError: one is negative or no number.
+        SamplingError: a standard deviation is negative or not a number.
     """
 
     joints: float = 0.02
@@ -45,12 +45,12 @@ class Spread:
                 )
 
     def around(self, model: Any, x: ArrayLike, seed: int) -> Array:
-        """Return a state near another, the same for the same seed.
+        """Return a random state near another one; equal seeds return equal states.
 
         Args:
-            model: a legged model, whose state it is.
+            model: the legged model of the state.
             x: state (nx,).
-            seed: of the random numbers.
+            seed: seed of the random numbers.
         """
         random = np.random.default_rng((seed, _OWN_STREAM))
         near = np.array(x, dtype=float)
@@ -65,4 +65,4 @@ class Spread:
 
 
 STILL = Spread(joints=0.0, joint_velocity=0.0, linear_velocity=0.0, angular_velocity=0.0)
-"""No difference between seeds but their perturbations of plans."""
+"""All seeds have the same initial state; they differ only in the perturbations of plans."""
