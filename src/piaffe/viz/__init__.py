@@ -1,7 +1,7 @@
 """Figures, films, pictures and progress displays: the same for Python and the command line.
 
-A name is imported from its module when it is first asked for: matplotlib, MuJoCo and Pillow take longer to import than
-most commands to run.
+A name is imported from its module when it is first used, because the import of matplotlib, MuJoCo and Pillow takes
+longer than most commands.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from . import gl as gl
 
-if TYPE_CHECKING:  # what a type checker and import-linter read; `_MODULES` says the same to Python
+if TYPE_CHECKING:  # for type checkers and import-linter; at run time `_MODULES` has the same names
     from .bars import progress_bars as progress_bars
     from .bars import stage_bars as stage_bars
     from .building import start_solver as start_solver
@@ -56,7 +56,7 @@ else:
         if name not in _MODULES:
             raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
         found = getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)
-        globals()[name] = found  # asked once
+        globals()[name] = found  # the next access does not call this function
         return found
 
     def __dir__() -> list[str]:

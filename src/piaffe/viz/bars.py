@@ -1,4 +1,4 @@
-"""Progress bars on standard error, for what takes minutes: episodes, studies, and learning."""
+"""Progress bars on standard error, for work that takes minutes: episodes, studies, and learning."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 StageProgress = Callable[[str, int, int], None]
-"""Called with the name of a stage, how much of it is done, and how much there is."""
+"""Called with the name of a stage, the number of its finished steps, and the number of all its steps."""
 
 
 @contextmanager
 def progress_bars(console: Console | None = None) -> Iterator[Progress]:
-    """Show progress bars if standard error is a terminal; they vanish at the end.
+    """Show progress bars if standard error is a terminal; they are removed at the end.
 
     Args:
         console: where to show them; standard error by default.
@@ -27,7 +27,7 @@ def progress_bars(console: Console | None = None) -> Iterator[Progress]:
 
 @contextmanager
 def stage_bars(console: Console | None = None) -> Iterator[StageProgress]:
-    """Show a bar for each stage; give what is called as they go on, as ``progress`` of ``sampling.train_value``.
+    """Show a bar for each stage; yield the function to pass as ``progress``, for example to ``sampling.train_value``.
 
     Args:
         console: where to show them; standard error by default.

@@ -1,4 +1,4 @@
-"""Starting a solver with a display: what is compiled is shown, and a missing compiler is told in one line."""
+"""Start a solver with a display of the compilation; a missing compiler is reported in one line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from piaffe.solvers import MSiLQR, Options
 
 
 def start_solver(problem: Problem, options: Options, backend: str) -> MSiLQR:
-    """Return a solver; while it compiles, stderr says how far it is.
+    """Return a solver; during its compilation, standard error shows the progress.
 
     Args:
         problem: the problem.

@@ -1,4 +1,4 @@
-"""The caption of a film: phase, time, speed, and a lamp per foot."""
+"""The caption of a film: phase, time, speed, and per foot a circle that is filled while the foot is in contact."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _OFF = "#8A8F98"
 
 
 class Caption:
-    """Writes on pictures.
+    """Writes captions on pictures.
 
     Args:
         size: width and height of the finished pictures [pixels].
@@ -35,10 +35,10 @@ class Caption:
         """Return a picture at its finished size with the caption on it.
 
         Args:
-            picture: as rendered, any size.
-            shown: what is in it.
-            speed: of the film.
-            note: written beside the speed.
+            picture: the rendered picture, of any size.
+            shown: the snapshot in the picture.
+            speed: speed of the film.
+            note: text beside the speed.
         """
         image = Image.fromarray(picture)
         if image.size != self.size:
@@ -48,8 +48,8 @@ class Caption:
         base = height - 1.2 * unit
         draw.text((1.4 * unit, base), f"{shown.time:5.2f} s   {shown.phase}", font=self.font, fill=INK, anchor="ls")
         pace = "" if speed == 1 else f"{speed:g} × speed"
-        said = "   ".join(part for part in (note, pace) if part)
-        draw.text((width - 1.4 * unit, base), said, font=self.font, fill=INK, anchor="rs")
+        text = "   ".join(part for part in (note, pace) if part)
+        draw.text((width - 1.4 * unit, base), text, font=self.font, fill=INK, anchor="rs")
         for i, (foot, on) in enumerate(zip(self.feet, shown.contact, strict=False)):
             x, y = 1.9 * unit + 2.3 * unit * i, base - 2.2 * unit
             r = 0.42 * unit

@@ -1,4 +1,4 @@
-"""What a figure draws of a solution: curves over time by name, unit and colour, and the limits declared for them."""
+"""Data of the figure of a solution: curves over time with name, unit and colour, and their declared limits."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Curve:
     """One component over time; gaps are NaN.
 
     Args:
-        label: for the legend.
-        times: [s]. values: as many.
-        colour: of the line.
-        target: the values that the motion asked for, or None.
-        held: whether a value holds until the next time (a control).
+        label: label in the legend.
+        times: (n,) [s]. values: (n,).
+        colour: colour of the line.
+        target: target values of the motion (n,), or None.
+        held: whether a value is constant until the next time (a control).
     """
 
     label: str
@@ -48,13 +48,13 @@ class Curve:
 
 @dataclass(frozen=True)
 class Panel:
-    """One diagram: curves of one unit and, per curve, what its values must lie between.
+    """One diagram: curves of one unit, and the bounds of their values.
 
     Args:
-        title: what is shown. unit: of the vertical axis.
-        curves: what is drawn.
+        title: title of the diagram. unit: unit of the vertical axis.
+        curves: the curves.
         bounds: distinct (lower, upper) of the curves, None where there is no bound.
-        legend: whether the curves need names; legs have the colours of their contact bars.
+        legend: whether a legend is needed; curves of legs need none, because they have the colours of the contact bars.
     """
 
     title: str
@@ -85,7 +85,7 @@ def feet_of(solution: Solution) -> list[str]:
 
 
 def forces(solution: Solution) -> tuple[Array, Array]:
-    """Return stage times (n,) and the recorded world forces of the feet (n, nf, 3) [N]; NaN where none are recorded."""
+    """Return stage times (n,) and recorded world forces of the feet (n, nf, 3) [N]; NaN where none are recorded."""
     count = len(feet_of(solution))
     times, values = [], []
     for part in solution.trajectory.phases:
@@ -99,7 +99,7 @@ def forces(solution: Solution) -> tuple[Array, Array]:
 
 
 def friction(solution: Solution) -> float | None:
-    """Return μ of the friction cone that was declared, None if there is none."""
+    """Return μ of the declared friction cone; None if there is none."""
     for limit in solution.limits:
         if limit["name"].startswith("friction") and "mu" in limit["parameters"]:
             return float(limit["parameters"]["mu"][0])
@@ -107,7 +107,7 @@ def friction(solution: Solution) -> float | None:
 
 
 def stance_feet(part: PhaseTrajectory, feet: Sequence[str]) -> list[str] | None:
-    """Return the feet on the ground in a phase, None if its mode is not a contact set."""
+    """Return the feet on the ground in a phase; None if its mode is not a contact set."""
     names = part.mode.split() if part.mode != "flight" else []
     return names if all(name in feet for name in names) else None
 
@@ -116,7 +116,7 @@ def stance_feet(part: PhaseTrajectory, feet: Sequence[str]) -> list[str] | None:
 
 
 def _quantities(solution: Solution) -> Iterator[tuple[Quantity, bool]]:
-    """Yield every state and control quantity once, states first, and whether it is held; forces are drawn elsewhere."""
+    """Yield each quantity of state and control (without forces) once, states first, and whether it is a control."""
     seen: dict[str, tuple[Quantity, bool]] = {}
     for held in (False, True):
         for part in solution.trajectory.phases:
@@ -164,7 +164,7 @@ def _curve(name: str, i: int, times: Array, values: Array, targets: Array | None
 
 
 def _gather(solution: Solution, quantity: Quantity, held: bool) -> tuple[tuple[str, ...], Array, Array, Array | None]:
-    """Return labels, times (n,), values and targets (n, size) over all phases; NaN in phases that lack the quantity."""
+    """Return labels, times (n,), values and targets (n, size) of all phases; NaN in phases without the quantity."""
     labels: tuple[str, ...] = ()
     times: list[Array] = []
     values: list[Array | None] = []
@@ -200,7 +200,7 @@ def _plain(quantity: Quantity, values: Array) -> Array:
 
 
 def _unwrapped(angles: Array) -> Array:
-    """Return angles without jumps of 2π, (n, 3); gaps stay gaps."""
+    """Return angles without jumps of 2π, (n, 3); NaN stays NaN."""
     out = angles.copy()
     known = np.all(np.isfinite(angles), axis=1)
     out[known] = np.unwrap(angles[known], axis=0)
@@ -208,7 +208,7 @@ def _unwrapped(angles: Array) -> Array:
 
 
 def _by_kind(labels: Sequence[str], feet: Sequence[str]) -> Iterator[tuple[str, list[int], list[str]]]:
-    """Yield joints that have one place in their legs: kind, indices and legs; all together if names do not tell."""
+    """Yield the joints of each kind (place in the leg): kind, indices and legs; one group if a name has no leg."""
     kinds: dict[str, dict[str, int]] = {}
     for i, label in enumerate(labels):
         leg, _, kind = label.partition("_")
@@ -223,14 +223,14 @@ def _by_kind(labels: Sequence[str], feet: Sequence[str]) -> Iterator[tuple[str, 
 def _bounds(solution: Solution, path: str, unit: str, labels: Sequence[str]) -> list[tuple[float | None, float | None]]:
     """Return (lower, upper) per component from a declared limit on this quantity, (None, None) if there is none."""
     for limit in solution.limits:
-        if limit["kind"] == "inequality" and _speaks_of(limit, path, unit, labels):
+        if limit["kind"] == "inequality" and _bounds_components(limit, path, unit, labels):
             lower, upper = (limit[side] or [None] * len(labels) for side in ("lower", "upper"))
             return list(zip(lower, upper, strict=True))
     return [(None, None)] * len(labels)
 
 
-def _speaks_of(limit: Mapping[str, object], path: str, unit: str, labels: Sequence[str]) -> bool:
-    """Return whether a limit bounds the components of a quantity one by one, going by what it declared."""
+def _bounds_components(limit: Mapping[str, object], path: str, unit: str, labels: Sequence[str]) -> bool:
+    """Return whether a limit bounds each component of a quantity, according to its labels, unit and name."""
     own = list(limit["labels"])  # type: ignore[call-overload]  # a list of names
     if path.startswith("joints."):
         return own == list(labels) and limit["unit"] == unit

@@ -1,4 +1,4 @@
-"""What a film shows: the plan or its simulation, once per speed."""
+"""The parts of a film: the plan or its simulation, once per speed."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from .simulated import simulate
 def cuts_of(
     playback: Playback, speeds: Sequence[float], *, ghost: bool, simulated: bool, mu: float | None
 ) -> tuple[list[Cut], str]:
-    """Return the cuts of a film, and what to say of the simulation if there is one.
+    """Return the cuts of a film, and a text about the simulation; the text is empty without a simulation.
 
     Args:
         playback: the solution.
-        speeds: the motion is shown once at each.
-        ghost: show what was asked for beside what is done.
-        simulated: play the policy instead of the plan.
-        mu: friction coefficient of the simulation; the problem's by default.
+        speeds: the motion is shown once at each speed.
+        ghost: also show the targets; in a simulation, the plan.
+        simulated: show a simulation of the policy in place of the plan.
+        mu: friction coefficient of the simulation; by default that of the problem.
     """
     for speed in speeds:
         if not 0 < speed < float("inf"):
@@ -39,13 +39,13 @@ def cuts_of(
 
 
 def nearest(snapshots: Sequence[Snapshot]) -> Callable[[float], Snapshot]:
-    """Return a function of time [s] that gives the nearest of some snapshots."""
+    """Return a function of time [s] that returns the snapshot nearest to it."""
     times = np.array([snapshot.time for snapshot in snapshots])
     return lambda t: snapshots[int(np.argmin(np.abs(times - t)))]
 
 
 def picture_size(text: str) -> tuple[int, int]:
-    """Return width and height of ``"1280x720"``; both must be even, as the film's coding wants."""
+    """Return width and height of ``"1280x720"``; both must be even, because the film's encoding requires it."""
     parts = text.lower().split("x")
     if len(parts) == 2 and all(part.isdigit() and int(part) >= 64 and int(part) % 2 == 0 for part in parts):
         return int(parts[0]), int(parts[1])
@@ -55,7 +55,7 @@ def picture_size(text: str) -> tuple[int, int]:
 
 
 def is_sheet(path: Path) -> bool:
-    """Return whether a file is to hold pictures rather than a film; raise if it can hold neither."""
+    """Return whether a file has the suffix of a picture, False for a film; raise for other suffixes."""
     if path.suffix in (".png", ".jpg", ".webp"):
         return True
     if path.suffix == ".mp4":

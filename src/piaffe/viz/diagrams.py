@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 
     from piaffe.solvers import Solution
 
-_SMALLEST = 0.02  # [m], [rad], ...: the least that a robot's diagram spans
+_SMALLEST = 0.02  # [m], [rad], ...: smallest range of a diagram's vertical axis
 _TERMS = 9  # more do not fit
 
 
-# ---- what panels share
+# ---- common parts of panels
 
 
 def over_time(axes: Axes, solution: Solution) -> None:
@@ -32,18 +32,18 @@ def over_time(axes: Axes, solution: Solution) -> None:
 
 
 def shade(solution: Solution, i: int) -> str:
-    """Return the background of a phase."""
+    """Return the background colour of a phase."""
     part = solution.trajectory.phases[i]
     return FLIGHT if feet_of(solution) and part.mode in ("", "flight") else SHADES[i % 2]
 
 
 def draw_panel(axes: Axes, panel: Panel) -> None:
-    """Draw curves, what was asked for, and limits."""
+    """Draw curves, targets and limits."""
     for curve in panel.curves:
         style = "steps-post" if curve.held else "default"
         axes.plot(curve.times, curve.values, color=curve.colour, label=curve.label, drawstyle=style)
     low, high = axes.get_ylim()
-    if panel.unit and high - low < _SMALLEST:  # what a robot cannot do is not worth a diagram's height
+    if panel.unit and high - low < _SMALLEST:  # smaller motions are not relevant
         low, high = 0.5 * (low + high - _SMALLEST), 0.5 * (low + high + _SMALLEST)
     for curve in panel.curves:
         if curve.target is not None:
@@ -65,7 +65,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
 
 
 def add_legend(axes: Axes, columns: int) -> None:
-    """Put the legend above the diagram, at the right of its title."""
+    """Draw the legend above the diagram, at the right of its title."""
     axes.legend(
         loc="lower right", bbox_to_anchor=(1.0, 0.97), borderaxespad=0.0, ncols=min(columns, 6), handletextpad=0.4,
         handlelength=1.0, columnspacing=0.9,
@@ -107,7 +107,7 @@ def cone(axes: Axes, solution: Solution) -> None:
 
 
 def cone_use(axes: Axes, solution: Solution) -> None:
-    """Draw the larger tangential component over the largest that friction holds."""
+    """Draw the larger tangential component relative to the largest that friction allows."""
     over_time(axes, solution)
     times, force = forces(solution)
     mu = friction(solution) or 1.0
@@ -122,11 +122,11 @@ def cone_use(axes: Axes, solution: Solution) -> None:
     axes.set_ylabel("[-]")
 
 
-# ---- how well it is solved
+# ---- convergence
 
 
 def defects(axes: Axes, solution: Solution) -> None:
-    """Draw the defect of every node; those of the initial state and of resets marked."""
+    """Draw the defect of every node, with marks for those of the initial state and of resets."""
     over_time(axes, solution)
     for part, policy in zip(solution.trajectory.phases, solution.phases, strict=True):
         size = np.maximum(np.max(np.abs(policy.defects), axis=1, initial=0.0), 1e-16)
@@ -172,7 +172,7 @@ def violations(axes: Axes, solution: Solution) -> None:
 
 
 def terms(axes: Axes, solution: Solution) -> None:
-    """Draw what each term cost, the dearest on top."""
+    """Draw the cost of each term, the largest on top."""
     costs = sorted(((cost, name) for name, cost in solution.term_costs.items()), reverse=True)
     shown = costs[:_TERMS]
     if len(costs) > _TERMS:

@@ -1,4 +1,4 @@
-"""The figure of episodes: what they did and missed over time, one faint line per seed."""
+"""The figure of episodes: motion, reward, planning time and violations over time, one line per seed."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def plot_episodes(path: Path, trial: Trial, episodes: Mapping[int, Episode]) -> 
     """Draw episodes into an image or PDF file, and return its path.
 
     Args:
-        path: the file; its ending chooses the format.
-        trial: what was run.
-        episodes: by seed.
+        path: the file; its suffix selects the format.
+        trial: the trial.
+        episodes: its episodes by seed.
     """
     require_picture(path)
     with rc_context(RC):
@@ -79,7 +79,7 @@ def _line(ax: Axes, times: Any, values: Any, fell: bool) -> None:
 
 
 def _violations(ax: Axes, episodes: list[Episode]) -> None:
-    """Draw what each constraint missed, the worst of its rows, in the mean over the episodes that still run."""
+    """Draw the violation of each constraint (its worst row), as mean over the episodes that have not ended."""
     longest = max(episodes, key=lambda episode: len(episode.actions))
     names = list(dict.fromkeys(longest.constraints))
     times = longest.times[:-1]

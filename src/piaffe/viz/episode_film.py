@@ -1,4 +1,4 @@
-"""Films of episodes: the plant on its terrain, with the forces that its simulator finds."""
+"""Films of episodes: the plant on its terrain, with the contact forces of the simulator."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _TOUCHES_N = 1e-3
 
 
 def film_episode(path: Path, plant: Any, episode: Episode, *, size: tuple[int, int], note: str = "") -> Path:
-    """Write a film of an episode, or with a picture's ending six moments of it; return its path.
+    """Write a film of an episode, or, for the suffix of a picture, six moments of it; return its path.
 
     Args:
         path: the file, ``.mp4`` or ``.png``.
-        plant: the ``models.Mujoco`` that was simulated.
-        episode: what it did.
+        plant: the simulated ``models.Mujoco``.
+        episode: the episode.
         size: width and height [pixels].
-        note: stands beside the speed.
+        note: text beside the speed.
     """
     shown = snapshots(plant, episode)
     cut = Cut(nearest(shown), shown[0].time, shown[-1].time, 1.0, note)
@@ -38,7 +38,7 @@ def film_episode(path: Path, plant: Any, episode: Episode, *, size: tuple[int, i
 
 
 def snapshots(plant: Any, episode: Episode) -> list[Snapshot]:
-    """Return what is seen at every state; forces are those of the state and the control applied to it."""
+    """Return a snapshot per state; forces are those of the state and the control applied to it."""
     import mujoco
 
     model = plant.compiled()

@@ -38,9 +38,9 @@ def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> 
     """Draw a solution into an image or PDF file; return its path.
 
     Args:
-        solution: what to draw.
-        path: the file; its ending chooses the format.
-        title: what stands above; by default the robot's or model's name.
+        solution: the solution.
+        path: the file; its suffix selects the format.
+        title: title of the figure; by default the names of the models.
         dpi: pixels per inch.
     """
     require_picture(path)
@@ -50,14 +50,14 @@ def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> 
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 150) -> Path:
-    """Write a figure into a file, which appears whole or not at all; return its path."""
+    """Write a figure into a file, atomically; return its path."""
     with rc_context(RC), whole_file(path) as temporary:
         figure.savefig(temporary, dpi=dpi)
     return path
 
 
 def require_picture(path: Path) -> None:
-    """Raise FileFormatError unless a file's ending is that of a picture."""
+    """Raise FileFormatError if a file does not have the suffix of a picture."""
     known = FigureCanvasAgg.get_supported_filetypes()
     if path.suffix.removeprefix(".") not in known:
         raise FileFormatError(
@@ -101,12 +101,12 @@ def _draw(solution: Solution, title: str) -> Figure:
         f"{solution.wall_s:.1f} s",
         x=0.012, ha="left", fontsize=11, color=INK,
     )  # fmt: skip
-    figure.text(0.995, 0.995, "dotted: asked for   ·   dashed: limit", ha="right", va="top", fontsize=8.5, color=FAINT)
+    figure.text(0.995, 0.995, "dotted: target   ·   dashed: limit", ha="right", va="top", fontsize=8.5, color=FAINT)
     return figure
 
 
 def _interleave(shown: Sequence[Panel], further: Sequence[Any]) -> list[Any]:
-    """Return panels row by row: rows of three joint panels get a panel of forces as their fourth."""
+    """Return panels row by row: each row of three joint panels gets one of ``further`` as its fourth panel."""
     base = [panel for panel in shown if not _is_joint(panel)]
     joints = [panel for panel in shown if _is_joint(panel)]
     if len(joints) != 9:
@@ -129,7 +129,7 @@ def _is_joint(panel: Panel) -> bool:
 
 
 def _contacts(axes: Axes, solution: Solution, feet: Sequence[str]) -> None:
-    """Draw phase names and, for robots, one bar per foot while it is on the ground."""
+    """Draw phase names and, for robots, bars for the times at which each foot is on the ground."""
     parts = solution.trajectory.phases
     start, end = parts[0].times[0], parts[-1].times[-1]
     times, force = forces(solution) if feet else (np.zeros(0), np.zeros((0, 0, 3)))
@@ -160,7 +160,7 @@ def _contacts(axes: Axes, solution: Solution, feet: Sequence[str]) -> None:
 
 
 def _spans(part: Any, foot: str, down: Sequence[str] | None, times: Array, force: Array) -> list[tuple[float, float]]:
-    """Return when a foot is on the ground in a phase: all of it or, in modes without contact sets, while it pushes."""
+    """Return spans [s] with a foot on the ground: the phase or, without contact sets, the stages with force on it."""
     if down is not None:
         return [(part.times[0], part.times[-1])] if foot in down else []
     return [

@@ -1,4 +1,4 @@
-"""Films: a solution or a simulation as an MP4, at one speed after another."""
+"""Films: a solution or a simulation as an MP4 file, at several speeds in turn."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .studio import Studio
 
 Array = NDArray[np.float64]
 
-_SMOOTH_S = 0.25  # the camera follows with about this inertia
+_SMOOTH_S = 0.25  # standard deviation of the filter that smooths the camera's path
 _GAP = 4  # [pixels] between the pictures of a sheet
-_HOLD_S = 0.4  # how long the last picture stays
+_HOLD_S = 0.4  # additional time of the last picture
 
 
 class FilmError(PiaffeError, RuntimeError):
@@ -31,13 +31,13 @@ class FilmError(PiaffeError, RuntimeError):
 
 @dataclass(frozen=True)
 class Cut:
-    """One showing of a motion.
+    """One part of a film: a motion at one speed.
 
     Args:
-        shown: snapshot at a time [s].
-        start, end: from when to when [s].
+        shown: function of time [s] that returns the snapshot.
+        start, end: first and last time [s].
         speed: 1 is real time, 0.25 four times slower.
-        note: what the caption says beside the speed.
+        note: text of the caption beside the speed.
     """
 
     shown: Callable[[float], Snapshot]
@@ -47,19 +47,19 @@ class Cut:
     note: str = ""
 
     def times(self, fps: float) -> Array:
-        """Return the times of the pictures [s], the last one held."""
+        """Return the times of the pictures [s]; the last one repeats."""
         count = max(round((self.end - self.start) / self.speed * fps), 1)
         moving = self.start + (self.end - self.start) * np.arange(count + 1) / count
         return np.concatenate([moving, np.full(round(_HOLD_S * fps), self.end)])
 
 
 def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], *, fps: int = 50) -> Path:
-    """Write a film; the file appears whole or not at all.
+    """Write a film, atomically; return its path.
 
     Args:
         path: the file, ``.mp4``.
-        studio: draws the pictures; its size must be even.
-        cuts: shown one after the other.
+        studio: renders the pictures; its width and height must be even.
+        cuts: the parts of the film, in order.
         feet: names of the feet, for the caption.
         fps: pictures per second.
     """
@@ -70,15 +70,15 @@ def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], 
 
 
 def sheet(path: Path, studio: Studio, cut: Cut, feet: Sequence[str], *, columns: int, rows: int) -> Path:
-    """Write pictures of equally spaced moments into one, row by row.
+    """Write one picture that shows equally spaced moments of a motion, row by row; return its path.
 
     Args:
-        path: the file, ``.png`` or another picture's ending.
-        studio: draws the pictures, each at its size.
-        cut: what is shown.
+        path: the file, with the suffix of a picture.
+        studio: renders the picture of each moment.
+        cut: the motion.
         feet: names of the feet, for the captions.
-        columns: pictures beside each other.
-        rows: and below each other.
+        columns: number of moments in a row.
+        rows: number of rows.
     """
     count = columns * rows
     times = cut.start + (cut.end - cut.start) * (np.arange(count) + 0.5) / count
@@ -97,10 +97,10 @@ def sheet(path: Path, studio: Studio, cut: Cut, feet: Sequence[str], *, columns:
 
 
 def encode(path: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, int], fps: int) -> None:
-    """Write pictures, (height, width, 3) each, as H.264.
+    """Write pictures, (height, width, 3) each, as an H.264 film.
 
     Raises:
-        FilmError: ffmpeg refuses them.
+        FilmError: ffmpeg fails.
     """
     import imageio_ffmpeg
 
@@ -116,14 +116,14 @@ def encode(path: Path, pictures: Iterator[NDArray[np.uint8]], size: tuple[int, i
                 ffmpeg.stdin.write(np.ascontiguousarray(picture).tobytes())
             ffmpeg.stdin.close()
         except BrokenPipeError:
-            pass  # it says below what it minds
+            pass  # ffmpeg has stopped; its message is read below
         except BaseException:
             ffmpeg.kill()
             raise
-        said = ffmpeg.stderr.read().decode(errors="replace").strip()
+        message = ffmpeg.stderr.read().decode(errors="replace").strip()
     if ffmpeg.returncode:
         raise FilmError(
-            f"file '{path.name}': ffmpeg cannot write it - got '{said}', expected a film; choose another size"
+            f"file '{path.name}': ffmpeg cannot write it - got '{message}', expected a film; choose another size"
         )
 
 
@@ -136,10 +136,10 @@ def _pictures(studio: Studio, cuts: Sequence[Cut], caption: Caption, fps: int) -
 
 
 def follow(shown: Sequence[Snapshot], rate: float) -> Array:
-    """Return where to look for each snapshot, (n, 3): the base's path without its jolts.
+    """Return the point in the middle of each picture, (n, 3) [m]: the smoothed path of the base.
 
     Args:
-        shown: snapshots at equal steps.
+        shown: snapshots at equal time steps.
         rate: snapshots per second of motion.
     """
     places = np.array([snapshot.qpos[:3] for snapshot in shown])

@@ -1,4 +1,4 @@
-"""Finding a way to render without a window: tried in a process of its own, before MuJoCo is imported here."""
+"""Choice of a backend that renders without a window; another process tries each, before MuJoCo is imported here."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ with mujoco.Renderer(model, 32, 32) as renderer:
 
 
 class DisplayError(PiaffeError, RuntimeError):
-    """Nothing can be shown: there is no OpenGL, or no display."""
+    """Pictures cannot be rendered or shown: there is no OpenGL, or no display."""
 
 
 def prepare(timeout_s: float = 120.0) -> str:
     """Choose a backend that renders off screen, set ``MUJOCO_GL`` to it and return it.
 
-    The one that ``MUJOCO_GL`` names, if it names one; else EGL (a graphics card's driver, or Mesa's), OSMesa
-    (software), or a window system.
+    If ``MUJOCO_GL`` is set, only its backend is tried; else EGL (driver of a graphics card, or Mesa), OSMesa
+    (software), and a window system, in this order.
 
     Raises:
-        DisplayError: none works.
+        DisplayError: no backend works.
     """
-    wanted = os.environ.get("MUJOCO_GL", "")
-    candidates = [wanted] if wanted else ["egl", "osmesa", *(["glfw"] if has_display() else [])]
+    chosen = os.environ.get("MUJOCO_GL", "")
+    candidates = [chosen] if chosen else ["egl", "osmesa", *(["glfw"] if has_display() else [])]
     for backend in candidates:
         if works(backend, timeout_s):
             os.environ["MUJOCO_GL"] = backend
@@ -41,7 +41,7 @@ def prepare(timeout_s: float = 120.0) -> str:
     raise DisplayError(
         f"film: MuJoCo cannot render here - got no working OpenGL (tried {', '.join(candidates)}), expected EGL or "
         "OSMesa; install Debian's or Ubuntu's libosmesa6 (apt-get install libosmesa6) for software rendering, or a "
-        "graphics driver" + (", and unset MUJOCO_GL to try all backends" if wanted else "")
+        "graphics driver" + (", and unset MUJOCO_GL to try all backends" if chosen else "")
     )
 
 
@@ -60,5 +60,5 @@ def works(backend: str, timeout_s: float) -> bool:
 
 
 def has_display() -> bool:
-    """Return whether there is a window system to open windows on."""
+    """Return whether there is a window system that can open windows."""
     return sys.platform != "linux" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,4 +1,4 @@
-"""A solution as something to look at: the robot's pose, forces and phase at any time."""
+"""A solution for display: the robot's pose, forces and phase at any time."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Snapshot:
-    """What is seen at one instant.
+    """The robot at one time, as a picture shows it.
 
     Args:
-        time: since the motion's start [s].
+        time: time since the motion's start [s].
         qpos: base position, unit quaternion (w, x, y, z), joint angles: MuJoCo's own layout.
-        forces: on the feet, world axes (nf, 3) [N]; zeros if unknown.
+        forces: forces on the feet in world axes (nf, 3) [N]; zeros if unknown.
         phase: name of the phase.
         contact: per foot, whether it is on the ground.
-        ghost: another pose to draw faintly, or None.
+        ghost: qpos of a second pose, drawn transparent; None for none.
     """
 
     time: float
@@ -44,10 +44,10 @@ class Snapshot:
 
 
 class Playback:
-    """Poses of a solution's robot over time; phases of a model without joints keep the joints they start with.
+    """Poses of a solution's robot over time; in phases of a model without joints, joint angles are constant.
 
     Args:
-        solution: of a problem with a robot.
+        solution: solution of a problem with a robot.
 
     Raises:
         ModelError: no model of the solution has a robot that can be rebuilt.
@@ -76,18 +76,18 @@ class Playback:
         return float(self.trajectory.phases[-1].times[-1])
 
     def at(self, t: float, *, ghost: bool = False) -> Snapshot:
-        """Return what is seen at time t [s]; with ``ghost`` also the pose that the motion was asked for."""
+        """Return the snapshot at time t [s]; with ``ghost`` also the target pose."""
         i = phase_index(self.trajectory, t)
         part = self.trajectory.phases[i]
         sample = {quantity.path: value for quantity, value in part.sample(t).items()}
         count = len(self.feet)
         forces = np.asarray(sample.get("feet.force", np.zeros(3 * count))).reshape(-1, 3)
-        asked = None
+        target = None
         if ghost:
-            asked = self.pose(part, interpolate(part, self.solution.phases[i].target_states, t), i)
+            target = self.pose(part, interpolate(part, self.solution.phases[i].target_states, t), i)
         contact = tuple(bool(np.any(np.abs(force) > 1e-6)) for force in forces)
-        seen = self.pose(part, interpolate(part, part.states, t), i)
-        return Snapshot(t, seen, forces, part.name, contact, asked)
+        pose = self.pose(part, interpolate(part, part.states, t), i)
+        return Snapshot(t, pose, forces, part.name, contact, target)
 
     def pose(self, part: PhaseTrajectory, state: Array, i: int) -> Array:
         """Return MuJoCo's qpos of a state of phase i."""
@@ -98,7 +98,7 @@ class Playback:
         ])  # fmt: skip
 
     def last_joints(self, i: int) -> Array:
-        """Return the joint angles at the end of the last phase before i that has some; else those of standing."""
+        """Return the joint angles at the end of the last phase before i with joints; else those of standing."""
         for part in reversed(self.trajectory.phases[:i]):
             for quantity, where in part.state.slices.items():
                 if quantity.path == "joints.position":
@@ -107,5 +107,5 @@ class Playback:
 
 
 def caption(part: PhaseTrajectory) -> str:
-    """Return a phase's name; the model's where one stretch spans several phases."""
+    """Return a phase's name; the model's name if the phase spans several motion phases."""
     return part.model if part.mode == "scheduled" else part.name

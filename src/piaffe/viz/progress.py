@@ -1,4 +1,4 @@
-"""The live table of a solve: one line per iteration, the last ones on screen."""
+"""The live table of a solve: one line per iteration; the screen shows the last ones."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _ON_SCREEN = 16
 
 
 class LiveTable:
-    """Shows iterations as they come; pass it as ``progress`` of a solve, inside a ``with`` block.
+    """Shows each finished iteration; pass it as ``progress`` of a solve, inside a ``with`` block.
 
     On a terminal the table is redrawn in place; elsewhere (a log) every tenth iteration becomes a line.
 
     Args:
-        options: the solver's, to mark what is within tolerance.
-        console: where to write; standard output by default.
+        options: options of the solver, for the tolerances.
+        console: console for the table; by default standard output.
     """
 
     def __init__(self, options: Options | None = None, console: Console | None = None) -> None:
@@ -69,7 +69,7 @@ class LiveTable:
         return table
 
     def cells(self, record: Record) -> tuple[str, ...]:
-        """Return one line; what is within tolerance in green."""
+        """Return the cells of one line; values within tolerance are green."""
         o = self.options
 
         def met(value: float, tolerance: float) -> str:

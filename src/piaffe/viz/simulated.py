@@ -1,4 +1,4 @@
-"""A solution's policy played in MuJoCo, as something to look at."""
+"""A simulation of a solution's policy in MuJoCo, for display."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from .curves import friction
 from .playback import Playback, Snapshot
 
 _TOUCHES_N = 1e-3  # a foot with less normal force is drawn in the air
-_FRICTION = 0.6  # where no friction cone is declared
+_FRICTION = 0.6  # used if no friction cone is declared
 
 
 def simulate(
     playback: Playback, *, dt: float = 1e-3, mu: float | None = None
 ) -> tuple[PolicyRun, tuple[Snapshot, ...]]:
-    """Play the policy of a solution in MuJoCo; return what it did, and what is seen at every step.
+    """Simulate the policy of a solution in MuJoCo; return the run, and a snapshot per step.
 
     Args:
-        playback: the solution. Phases from the first one that is not of a whole body are left out.
+        playback: the solution. The first phase without a whole-body model, and all later phases, are left out.
         dt: step of the simulator and of the policy [s].
         mu: friction coefficient of the feet; by default that of the declared friction cone, else 0.6.
 
     Raises:
-        ModelError: the solution does not begin with a whole body.
+        ModelError: the solution does not begin with a whole-body model.
     """
     declared = friction(playback.solution) if mu is None else mu
     plant = torque_plant(playback.robot, timestep=dt, friction=_FRICTION if declared is None else declared)
@@ -31,9 +31,9 @@ def simulate(
 
 
 def _snapshot(playback: Playback, run: PolicyRun, i: int) -> Snapshot:
-    """Return what is seen at a step; the ghost is the plan."""
+    """Return the snapshot of a step; the ghost is the plan."""
     phase = int(run.phases[i])
     part = playback.trajectory.phases[phase]
     contact = tuple(bool(force[2] > _TOUCHES_N) for force in run.forces[i])
-    seen, planned = (playback.pose(part, states[i], phase) for states in (run.states, run.planned))
-    return Snapshot(float(run.times[i]), seen, run.forces[i], part.name, contact, planned)
+    pose, planned = (playback.pose(part, states[i], phase) for states in (run.states, run.planned))
+    return Snapshot(float(run.times[i]), pose, run.forces[i], part.name, contact, planned)

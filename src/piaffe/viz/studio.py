@@ -1,4 +1,4 @@
-"""Pictures of a robot: MuJoCo's renderer with a camera that follows, arrows of force and a ghost."""
+"""Pictures of a robot: MuJoCo's renderer with a moving camera, arrows for forces and a transparent second pose."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from .style import LEGS
 Array = NDArray[np.float64]
 
 _GHOST = (0.25, 0.45, 0.85, 0.18)
-_LONGEST = 1.5  # longest arrow, in those of the robot's weight: impacts would fill the picture
-_OVERSAMPLING = 1.5  # rendered larger than shown: smooth edges without help of the driver
+_LONGEST = 1.5  # longest arrow, relative to that of the robot's weight; arrows of impacts would cover the picture
+_OVERSAMPLING = 1.5  # size of the rendered picture relative to the result: smooth edges with any driver
 
 
 class Studio:
@@ -28,9 +28,9 @@ class Studio:
         robot: the robot.
         size: width and height of the pictures [pixels].
         azimuth: direction of view about the vertical [degree]; 90 looks along +y.
-        elevation: of the view [degree], negative from above.
-        distance: of the camera, in sizes of the standing robot (the diagonal of its box).
-        spec: a ``mujoco.MjSpec`` of the robot in another scene; on a level floor by default.
+        elevation: elevation of the view [degree], negative from above.
+        distance: distance of the camera, relative to the size of the standing robot (diagonal of its bounding box).
+        spec: a ``mujoco.MjSpec`` of the robot in another scene; by default on a level floor.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Studio:
         self.mujoco, self.robot, self.size = mujoco, robot, size
         spec = mujoco_spec(robot, contacts="none") if spec is None else spec
         self.drawn = tuple(int(_OVERSAMPLING * side) for side in size)
-        spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 2048  # what software renders in time
+        spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 0, 2048  # fast enough for software rendering
         spec.material("tiles").reflectance = 0.0
         spec.visual.global_.offwidth, spec.visual.global_.offheight = self.drawn
         self.model: Any = spec.compile()
@@ -73,7 +73,7 @@ class Studio:
         self.renderer.close()
 
     def _size(self) -> float:
-        """Return the diagonal of the box around the standing robot [m]."""
+        """Return the diagonal of the bounding box of the standing robot [m]."""
         self.data.qpos[2], self.data.qpos[7:] = self.robot.base_height(), self.robot.pose("stand")
         self.mujoco.mj_forward(self.model, self.data)
         corners = []
@@ -88,7 +88,7 @@ class Studio:
         """Return a picture of a snapshot, (height, width, 3), at the size in which it is drawn.
 
         Args:
-            shown: what is seen.
+            shown: the snapshot.
             look_at: the point in the middle of the picture, (3,) [m].
         """
         self.data.qpos[:] = shown.qpos
@@ -116,7 +116,7 @@ class Studio:
             scene.geoms[i].matid, scene.geoms[i].transparent = -1, 1
 
     def _add_arrow(self, at: Array, force: Array, colour: str) -> None:
-        """Add an arrow of a force; more than half the robot's size if it carries its weight."""
+        """Add an arrow for a force; a force equal to the robot's weight has 0.6 of the robot's size."""
         mujoco, scene = self.mujoco, self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return

@@ -25,17 +25,17 @@ Row = Mapping[str, Any]
 
 SWEPT = {"horizon": "horizon H [steps]", "samples": "samples N"}
 HEIGHT = "height"
-_COLUMNS = 4  # more episodes than these do not fit beside each other
+_COLUMNS = 4  # more episodes do not fit side by side
 
 
 def draw_study(folder: Path, study: Study, file: StudyFile, rows: Sequence[Row]) -> list[Path]:
-    """Draw what the rows allow, and return the pictures' paths.
+    """Draw the figures that the rows of a study allow, and return their paths.
 
     Args:
-        folder: where.
-        study: holds the episodes.
-        file: says what is drawn over time.
-        rows: of the study.
+        folder: folder of the figures.
+        study: the study with its episodes.
+        file: the study's file, which lists the quantities to draw over time.
+        rows: rows of the study.
     """
     found = cells(rows)
     saved = []
@@ -54,17 +54,17 @@ def draw_study(folder: Path, study: Study, file: StudyFile, rows: Sequence[Row])
 
 
 def curves(found: Sequence[Row], axis: str) -> dict[str, list[Row]]:
-    """Return cells that differ in one setting alone, in its order, by what they are called.
+    """Return groups of cells that differ only in one setting, sorted by it: label of the curve → cells.
 
     Args:
-        found: cells.
+        found: the cells.
         axis: the setting.
     """
     others = [name for name in varied(found) if name != axis]
     groups: dict[str, list[Row]] = {}
     for cell in found:
-        apart = ", ".join(f"{_SHORT.get(name, name)} = {text_of(cell.get(name))}" for name in others)
-        groups.setdefault(f"{cell['label']}, {apart}" if apart else cell["label"], []).append(cell)
+        values = ", ".join(f"{_SHORT.get(name, name)} = {text_of(cell.get(name))}" for name in others)
+        groups.setdefault(f"{cell['label']}, {values}" if values else cell["label"], []).append(cell)
     return {
         name: sorted(group, key=lambda cell: cell[axis])
         for name, group in groups.items()
@@ -77,7 +77,7 @@ _SHORT = {"horizon": "H", "samples": "N", "temperature": "λ"}
 
 
 def _sweep(lines: Mapping[str, Mapping[str, Sequence[Row]]], title: str) -> Figure:
-    """Return mean step reward and success over each setting that was swept."""
+    """Return the figure of mean step reward and success over each varied setting."""
     axes_of = {axis: groups for axis, groups in lines.items() if groups}
     with rc_context(RC):
         figure = Figure(figsize=(5.2 * len(axes_of), 5.6), layout="constrained")
@@ -100,7 +100,7 @@ def _sweep(lines: Mapping[str, Mapping[str, Sequence[Row]]], title: str) -> Figu
                     at, [cell["success_percent"] for cell in group], marker="o", ms=3.5, ls=style, color=colour
                 )
             _ticks(success, axis, sorted({cell[axis] for group in groups.values() for cell in group}))
-            reward.legend(loc="lower left", bbox_to_anchor=(0, 1.01), borderaxespad=0)  # above: curves are anywhere
+            reward.legend(loc="lower left", bbox_to_anchor=(0, 1.01), borderaxespad=0)  # outside the axes
         grid[0, 0].set_ylabel("mean step reward")
         grid[1, 0].set_ylabel("success [%]")
         grid[1, 0].set_ylim(-4, 104)
@@ -121,7 +121,7 @@ def _ticks(axes: Axes, axis: str, values: Sequence[int]) -> None:
 
 
 def _examples(study: Study) -> list[Case]:
-    """Return the first episode of each method that is done."""
+    """Return the first finished episode of each method."""
     first: dict[str, Case] = {}
     for case in study.cases:
         if study.path(case).is_file():
@@ -130,7 +130,7 @@ def _examples(study: Study) -> list[Case]:
 
 
 def _series(study: Study, file: StudyFile, shown: Sequence[Case]) -> Figure:
-    """Return quantities over time against their limits, a column per method."""
+    """Return the figure of quantities over time with their limits, one column per method."""
     with rc_context(RC):
         figure = Figure(figsize=(3.6 * len(shown), 2.1 * len(file.series) + 0.6), layout="constrained")
         grid = figure.subplots(len(file.series), len(shown), squeeze=False, sharex=True, sharey="row")
@@ -157,7 +157,7 @@ def _series(study: Study, file: StudyFile, shown: Sequence[Case]) -> Figure:
 
 
 def _quantity(model: Any, episode: Episode, name: str) -> dict[str, Any]:
-    """Return what is drawn: the base's height above the ground, or the joints whose names contain a text."""
+    """Return values by label: the base's height above the ground, or the angles of joints with ``name`` in their names."""
     if name == HEIGHT:
         return {"base": model.height_above_terrain(episode.states)}
     where = range(*model.state.slices[joints.position].indices(model.state.nx))

@@ -1,4 +1,4 @@
-"""How figures and films look: one palette, one type."""
+"""Colours and fonts of figures and films."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 LEGS = ("#0072B2", "#E69F00", "#009E73", "#CC3E6B", "#7B5EA7", "#56B4E9", "#8C6D31", "#555555")
-"""One colour per foot, in the robot's order; told apart by people who see no red or green."""
+"""One colour per foot, in the robot's order; people with red-green colour blindness can distinguish them."""
 
 AXES = ("#C8442B", "#2E8B57", "#2F5FA8")
 """x, y, z; roll, pitch, yaw."""
@@ -50,5 +50,5 @@ RC: Any = {  # keys as matplotlib names them
 
 
 def colours(count: int, palette: Sequence[str] = LEGS) -> list[str]:
-    """Return as many colours, cycling through a palette."""
+    """Return a number of colours from a palette, which repeats."""
     return [palette[i % len(palette)] for i in range(count)]

@@ -1,4 +1,4 @@
-"""The interactive viewer: a solution played over and over in MuJoCo's window."""
+"""The interactive viewer: a solution in MuJoCo's window; the motion repeats."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ def show(path: Path, *, simulated: bool = False, speed: float = 1.0) -> None:
 
     Args:
         path: the saved solution.
-        simulated: play the policy in simulation instead of the plan.
+        simulated: show a simulation of the policy in place of the plan.
         speed: 1 is real time.
 
     Raises:
         DisplayError: there is no display.
     """
     playback = Playback(Solution.load(path))
-    (cut,), said = cuts_of(playback, [speed], ghost=False, simulated=simulated, mu=None)
-    if said:
-        print(said)
+    (cut,), result = cuts_of(playback, [speed], ghost=False, simulated=simulated, mu=None)
+    if result:
+        print(result)
     if not has_display():
         raise DisplayError(
             "view: there is no display - got neither DISPLAY nor WAYLAND_DISPLAY, expected a window system; make "
