@@ -1,4 +1,4 @@
-"""Errors of Piaffe: each says where, what is wrong, what was got and expected, and what to do."""
+"""Errors of Piaffe. Their messages have the form *where: what is wrong - got, expected; what to do*."""
 
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
@@ -6,7 +6,7 @@ from typing import Any, Never, Self
 
 
 class PiaffeError(Exception):
-    """Base of every error that Piaffe raises on purpose."""
+    """Base class of all errors of Piaffe."""
 
 
 class ProblemError(PiaffeError, ValueError):
@@ -18,16 +18,16 @@ class ShapeError(ProblemError):
 
 
 class ModelError(PiaffeError, ValueError):
-    """A robot or a model cannot be built, or lacks what was asked of it."""
+    """A robot or a model cannot be built, or does not have what was requested."""
 
 
 class UnknownNameError(ModelError, KeyError):
-    """A name is not among those that exist; the message lists the nearest ones.
+    """A name is not among the known ones; the message lists the most similar ones.
 
     Args:
-        where: the object that was asked, e.g. ``"robot 'go2'"``.
-        what: the kind of thing asked for, e.g. ``"frame"``.
-        name: the name asked for.
+        where: the object without this name, e.g. ``"robot 'go2'"``.
+        what: the kind of object with the name, e.g. ``"frame"``.
+        name: the unknown name.
         known: the names that exist.
     """
 
@@ -50,22 +50,22 @@ class UnknownNameError(ModelError, KeyError):
 
 
 class FileFormatError(PiaffeError, ValueError):
-    """A file is not what its name promises: foreign, truncated or written by a newer version."""
+    """A file has another format, is truncated, or was written by a newer version."""
 
 
 class SolverError(PiaffeError, RuntimeError):
-    """A solver was asked for something that it cannot do."""
+    """A solver cannot do what was requested, or a solve that had to converge did not."""
 
 
 class SamplingError(PiaffeError, RuntimeError):
-    """A sampling controller, a roll-out or a value function was asked for something that it cannot do."""
+    """A sampling controller, a roll-out or a value function cannot do what was requested."""
 
 
 def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Never]:
-    """Return a module's ``__getattr__`` that says the new name of what was renamed.
+    """Return a ``__getattr__`` for a module: for a renamed name it raises an error with the new name.
 
     Args:
-        module: its dotted name.
+        module: dotted name of the module.
         names: old name → what to use now, as ``{"Batch": "piaffe.ocp.Vectorised"}``.
     """
 
@@ -80,10 +80,10 @@ def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Never]:
 
 
 def renamed_members(owner: str, names: Mapping[str, str]) -> Callable[[Any, str], Never]:
-    """Return a class's ``__getattr__`` that says the new name of what was renamed.
+    """Return a ``__getattr__`` for a class: for a renamed attribute it raises an error with the new name.
 
     Args:
-        owner: its name.
+        owner: name of the class.
         names: old name of an attribute or a method → what to use now, as ``{"numbers": "parameters"}``.
     """
 

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and archives of arrays that are checked when they are read."""
+"""Atomic writing of files, and checked reading of archives of arrays."""
 
 from __future__ import annotations
 
@@ -24,12 +24,13 @@ Kind = Literal["damaged", "headless", "foreign", "unversioned", "newer"]
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a path beside a file, to write to; at the end of the block it takes the file's place.
+    """Yield a temporary path in the folder of a file; at the end of the block it replaces the file.
 
-    If the block raises, what it wrote is removed and an older file is untouched. The folder is made if it is missing.
+    If the block raises, the temporary file is removed and an existing file is unchanged. The folder is created if it is
+    missing.
 
     Args:
-        path: the file; the path that is yielded has its ending.
+        path: the file; the temporary path has the same suffix.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{secrets.token_hex(8)}.tmp{path.suffix}")  # mkstemp ignores the umask
@@ -42,10 +43,10 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that appears whole or not at all; its folder is made if it is missing.
+    """Write a file atomically; its folder is created if it is missing.
 
     Raises:
-        OSError: it cannot be written; an older file of this name is untouched.
+        OSError: it cannot be written; an existing file of this name is unchanged.
     """
     with whole_file(path) as temporary, temporary.open("xb") as stream:
         stream.write(content)
@@ -54,7 +55,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays as one compressed ``.npz``, which appears whole or not at all."""
+    """Write arrays as one compressed ``.npz``, atomically."""
     content = io.BytesIO()
     np.savez_compressed(content, **arrays)  # type: ignore[arg-type]  # numpy's stub for keyword arrays
     write_whole(path, content.getvalue())
@@ -65,14 +66,14 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 @dataclass(frozen=True)
 class Fault:
-    """Why an archive cannot be read.
+    """The reason why an archive cannot be read.
 
     Args:
-        kind: ``"damaged"``: truncated or no archive. ``"headless"``: no header that can be read. ``"foreign"``: of
-            another format. ``"unversioned"``: its version is no number. ``"newer"``: of a newer version.
+        kind: ``"damaged"``: truncated or not an archive. ``"headless"``: without a readable header. ``"foreign"``: of
+            another format. ``"unversioned"``: its version is not a number. ``"newer"``: of a newer version.
         got: what was found instead: an error, or text.
-        format: what the header says of its format.
-        version: what it says of its version.
+        format: the format in the header.
+        version: the version in the header.
     """
 
     kind: Kind
@@ -82,14 +83,14 @@ class Fault:
 
 
 Refuse = Callable[[Fault], Exception]
-"""Makes the error of a fault, in the words of the kind of file."""
+"""Returns the error for a fault; each kind of file has its own."""
 
 
 def read_arrays(content: bytes) -> Arrays:
-    """Return the arrays of an archive by name, which is that of its member without ``.npy``.
+    """Return the arrays of an archive by name: the name of the member without ``.npy``.
 
     Raises:
-        Exception: whatever zipfile, zlib and NumPy raise for damaged bytes; pickled objects are never loaded.
+        Exception: any error of zipfile, zlib and NumPy for damaged bytes; pickled objects are never loaded.
     """
     return _arrays(_members(content))
 
@@ -97,19 +98,19 @@ def read_arrays(content: bytes) -> Arrays:
 def read_archive(
     content: bytes, name: str, version: int | None, refuse: Refuse, *, header: str = "header.npy"
 ) -> tuple[dict[str, Any], Arrays]:
-    """Return the header of an archive, and its arrays by name, the header's left out.
+    """Return the header of an archive, and its other arrays by name.
 
     Args:
         content: the file's bytes.
-        name: of its format, which the header must hold as ``"format"``.
-        version: the newest that can be read, of the header's ``"version"``; None if the format has none.
-        refuse: makes the error that is raised.
-        header: the member that holds it as JSON: bytes or text in an array, or plain text.
+        name: name of the format; the header must contain it as ``"format"``.
+        version: newest readable ``"version"`` of the header; None if the format has no version.
+        refuse: returns the error that is raised.
+        header: the member with the header as JSON: bytes or text in an array, or plain text.
     """
     try:
         members = _members(content)
         arrays = _arrays({member: data for member, data in members.items() if member != header})
-    except Exception as error:  # damaged bytes raise whatever zipfile, zlib and NumPy raise for them
+    except Exception as error:  # zipfile, zlib and NumPy raise many kinds of errors for damaged bytes
         raise refuse(Fault("damaged", error)) from error
     try:
         read = _header(members, header)
@@ -145,7 +146,7 @@ def _arrays(members: Mapping[str, bytes]) -> Arrays:
 
 
 def _header(members: Mapping[str, bytes], name: str) -> Any:
-    """Return the header of an archive; raise ValueError if there is none that can be read."""
+    """Return the header of an archive; raise ValueError if it is missing or cannot be read."""
     if name not in members:
         raise ValueError(f"no '{name}' in the archive")
     if not name.endswith(".npy"):
