@@ -157,7 +157,7 @@ def _series(study: Study, file: StudyFile, shown: Sequence[Case]) -> Figure:
 
 
 def _quantity(model: Any, episode: Episode, name: str) -> dict[str, Any]:
-    """Return values by label: the base's height above the ground, or the angles of joints with ``name`` in their names."""
+    """Return values by label: the base's height above the ground, or the angles of joints with ``name`` in theirs."""
     if name == HEIGHT:
         return {"base": model.height_above_terrain(episode.states)}
     where = range(*model.state.slices[joints.position].indices(model.state.nx))
