@@ -20,7 +20,7 @@ from .reports import as_json, terminal
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-CONTROLLER = "Its name: {known}, or one of FILE's `controllers`."
+CONTROLLER = "Name of the controller: {known}, or one of FILE's `controllers`."
 
 SampledFile = Annotated[
     str,
@@ -31,7 +31,7 @@ SampledFile = Annotated[
 
 
 class NamesControllers(TyperCommand):
-    """A command whose help names the controllers; they are imported when it is asked for."""
+    """A command whose help lists the controllers; only the help imports them."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help."""
@@ -47,15 +47,17 @@ def mppi(
     file: SampledFile,
     controller: Annotated[str, typer.Option(help=CONTROLLER)] = "td-cd",
     value: Annotated[
-        str | None, typer.Option(metavar="V", help="Value at the horizon's end; the file's by default, or `none`.")
+        str | None,
+        typer.Option(metavar="V", help="Value function at the horizon's end; by default the file's; `none` for none."),
     ] = None,
     allow: Annotated[
-        str, typer.Option(metavar="'NAME ...'", help="In what the value may differ from what it was learnt for.")
+        str,
+        typer.Option(metavar="'NAME ...'", help="Properties in which the problem may differ from that of the value."),
     ] = "",
     steps: Annotated[int, typer.Option(min=1, help="Control steps per episode.")] = 400,
-    seeds: Annotated[int, typer.Option(min=1, help="Run seeds 0, 1, ... so many.")] = 1,
-    seed: Annotated[int | None, typer.Option(min=0, help="Run this seed alone.")] = None,
-    horizon: Annotated[int | None, typer.Option(min=2, help="Steps H; the declared one by default.")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds; they are 0, 1, ....")] = 1,
+    seed: Annotated[int | None, typer.Option(min=0, help="Run only this seed.")] = None,
+    horizon: Annotated[int | None, typer.Option(min=2, help="Steps H of the horizon; by default as declared.")] = None,
     samples: Annotated[int | None, typer.Option(min=1, help="Perturbed roll-outs per stage.")] = None,
     temperature: Annotated[float | None, typer.Option(help="λ of the weights.")] = None,
     setting: Annotated[
@@ -64,21 +66,23 @@ def mppi(
             "--set", metavar="NAME=VALUE", help="Any other option of the controller, or argument of FILE's function."
         ),
     ] = None,
-    threads: Annotated[int | None, typer.Option(min=1, help="Of roll-outs; one per core by default.")] = None,
-    payload: Annotated[float, typer.Option(help="Mass on the plant's base that the planner does not know [kg].")] = 0.0,
+    threads: Annotated[int | None, typer.Option(min=1, help="Threads of roll-outs; by default one per core.")] = None,
+    payload: Annotated[
+        float, typer.Option(help="Mass on the base of the plant, not of the controller's model [kg].")
+    ] = 0.0,
     friction: Annotated[
-        float | None, typer.Option(help="Friction of the plant; that of the planner by default.")
+        float | None, typer.Option(help="Friction of the plant; by default that of the controller's model.")
     ] = None,
-    latency: Annotated[float, typer.Option(help="From a state to the control planned for it [s].")] = 0.0,
+    latency: Annotated[float, typer.Option(help="Time from a state to the first effect of its plan [s].")] = 0.0,
     plant_timestep: Annotated[float, typer.Option(help="Step of the plant's simulator [s].")] = 0.002,
     spread: Annotated[
-        bool, typer.Option("--spread/--no-spread", help="Let initial states differ from seed to seed.")
+        bool, typer.Option("--spread/--no-spread", help="Random initial states, different for each seed.")
     ] = True,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
     video: Annotated[
-        Path | None, typer.Option(metavar="V.mp4", help="Film the first seed; V.png for six moments.")
+        Path | None, typer.Option(metavar="V.mp4", help="Film the first seed; V.png for a picture of six moments.")
     ] = None,
-    size: Annotated[str, typer.Option(metavar="WxH", help="Of the film, in pixels.")] = "1280x720",
+    size: Annotated[str, typer.Option(metavar="WxH", help="Width and height of the film in pixels.")] = "1280x720",
     plot: Annotated[Path | None, typer.Option(metavar="P.png", help="Draw all seeds over time.")] = None,
     save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the episodes.")] = None,
 ) -> None:
@@ -99,23 +103,23 @@ def mppi(
 
     from .episodes import episode_values, print_episodes
 
-    given: dict[str, Any] = {
+    settings: dict[str, Any] = {
         "controller": controller, "value": value, "allow": allow, "steps": steps, "horizon": horizon,
         "payload": payload, "friction": friction, "latency": latency, "plant_timestep": plant_timestep,
         "spread": spread,
     }  # fmt: skip
-    given |= {k: v for k, v in {"samples": samples, "temperature": temperature}.items() if v is not None}
+    settings |= {k: v for k, v in {"samples": samples, "temperature": temperature}.items() if v is not None}
     more = dict(pair(text) for text in setting or [])
     for name in more:
-        if name in given and name in ("samples", "temperature", "horizon", "value") and given[name] is not None:
+        if name in settings and name in ("samples", "temperature", "horizon", "value") and settings[name] is not None:
             raise SamplingError(
-                f"command line: '{name}' is given twice - got --{name} {given[name]} and --set {name}={more[name]}, "
-                "expected one of them; leave one out"
+                f"command line: '{name}' is given twice - got --{name} {settings[name]} and --set {name}={more[name]}, "
+                "expected one of them; remove one"
             )
-    given |= more
+    settings |= more
     with redirect_stdout(sys.stderr) if json else nullcontext():
         declared = load_declared(file)
-        trial = prepare(declared, complete(declared, given, "command line"), threads)
+        trial = prepare(declared, complete(declared, settings, "command line"), threads)
     chosen = range(seeds) if seed is None else [seed]
     episodes = {}
     try:
@@ -129,34 +133,34 @@ def mppi(
     finally:
         trial.close()
     values = episode_values(trial, episodes)
-    said = []
+    saved = []
     if save is not None:
         about = {key: values[key] for key in ("controller", "problem", "plant", "settings")}
-        said.append(save_episodes(save, {f"seed {each}": episode for each, episode in episodes.items()}, about))
+        saved.append(save_episodes(save, {f"seed {each}": episode for each, episode in episodes.items()}, about))
     if plot is not None:
         from piaffe.viz import plot_episodes
 
-        said.append(plot_episodes(plot, trial, episodes))
+        saved.append(plot_episodes(plot, trial, episodes))
     if video is not None:
         from piaffe.viz import film_episode
 
-        said.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=trial.controller.title))
+        saved.append(film_episode(video, trial.plant, episodes[chosen[0]], size=shape, note=trial.controller.title))
     if json:
         print(as_json(values))
     else:
         print_episodes(terminal(), trial, values)
-        for path in said:
+        for path in saved:
             print(f"saved {path}")
     raise typer.Exit(0 if values["successes"] == len(chosen) else FAILED)
 
 
 def _advance(progress: Progress, bar: TaskID) -> Callable[[int, int], None]:
-    """Return what an episode calls after every step."""
+    """Return the function that an episode calls after every step."""
     return lambda done, steps: progress.update(bar, completed=done)
 
 
 def pair(text: str) -> tuple[str, Any]:
-    """Return name and value of ``NAME=VALUE``; a value that is no Python literal is text."""
+    """Return name and value of ``NAME=VALUE``; a value that is not a Python literal is text."""
     name, equal, value = text.partition("=")
     if not equal or not name.isidentifier():
         raise SamplingError(f"--set: is no setting - got '{text}', expected NAME=VALUE; write --set terrain=stairs")

@@ -1,4 +1,4 @@
-"""The command that runs a study: many controllers and settings over seeds."""
+"""The command that runs a study: a grid of controllers, settings and seeds."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ STALE = ("refuse", "keep", "redo")
 
 
 def study(
-    file: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="What to run in which combinations.")],
+    file: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="Controllers, settings and seeds to combine.")],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Folder of the results; STUDY beside STUDY.toml by default.")
+        Path | None, typer.Option(metavar="DIR", help="Folder of the results; by default STUDY beside STUDY.toml.")
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Episodes at a time; one per core by default.")] = None,
     executor: Annotated[str, typer.Option(metavar="KIND", help="process, or dask:ADDRESS of a scheduler.")] = "process",
     stale: Annotated[
-        str, typer.Option(help="Episodes made from other code or another value: refuse, keep or redo.")
+        str, typer.Option(help="Existing episodes of other code or another value: refuse, keep or redo.")
     ] = "refuse",
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check the study, say what would be run, and end.")
+        bool, typer.Option("--dry-run", help="Check the study and its controllers, and stop.")
     ] = False,
     tables: Annotated[
-        bool, typer.Option("--tables", help="Run nothing; tables and figures of the episodes that are done.")
+        bool, typer.Option("--tables", help="Run nothing; write tables and figures of the finished episodes.")
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object and nothing else.")] = False,
 ) -> None:
-    """Run a grid of controllers and settings over seeds, continue where it was left, and draw what came of it.
+    """Run a grid of controllers, settings and seeds, and write tables and figures.
 
-    Every episode is kept when it is done. Exit code 1 if some could not be run.
+    Every finished episode is saved; a later call runs only the missing ones. Exit code 1 if an episode fails.
     """
     from piaffe.codegen import available_cores
     from piaffe.sampling import (
@@ -95,7 +95,7 @@ def study(
         if rows:
             print_cells(console, listed(rows))
         elif tables:
-            print("no episode is done yet, so there is nothing to tabulate")
+            print("no episode is done yet: there are no tables to write")
         for path in saved:
             print(f"saved {path}")
     raise typer.Exit(FAILED if failures else 0)
