@@ -1,4 +1,4 @@
-"""Many instances of one problem, solved over the cores."""
+"""Many instances of one problem, solved in parallel."""
 
 from .batch import solve_batch as solve_batch
 from .solution import BatchPhase as BatchPhase

@@ -1,4 +1,4 @@
-"""Batches: many instances of one problem - other starts, masses, friction - solved over the cores."""
+"""Batches: many instances of one problem (other initial states, masses, friction), solved in parallel."""
 
 from __future__ import annotations
 
@@ -67,25 +67,25 @@ def solve_batch(
 ) -> BatchSolution:
     """Solve many instances of one problem.
 
-    Each instance is solved as
-    ``MSiLQR(compiled.with_parameters(its parameters).with_start(its start), options).solve(its warm start)`` would, to
-    the bit, whatever the number of threads. Ctrl-C stops the batch and returns what is done.
+    States and gains of an instance are equal to the last bit to those of
+    ``MSiLQR(compiled.with_parameters(its parameters).with_start(its start), options).solve(its warm start)``, for any
+    number of threads. Ctrl-C stops the batch; the result then has the instances up to there.
 
     Args:
-        problem: the declaration, or one already compiled.
+        problem: the declaration, or the compiled problem.
         initial_states: (batch, nx); None for the problem's own in every instance. Targets stay those of the problem.
         parameters: name → values (batch, size), or (batch,) for single numbers; the names are those of
             ``compiled.parameters``.
         options: options of every solve.
-        backend: as of :class:`MSiLQR`; ``"numpy"`` solves one after the other.
-        threads: how many instances at once; as many as there are cores by default.
+        backend: as in :class:`MSiLQR`; ``"numpy"`` solves one instance after the other.
+        threads: number of instances that are solved at the same time; by default the number of cores.
         warm_start: one solution for all, a batch of the same size, or a sequence with one (or None) per instance.
-        gains: whether to keep the policy's feedforward and feedback.
-        progress: called with instances done and instances in all, from the calling thread.
+        gains: whether the result contains the policy's feedforward and feedback.
+        progress: called in the calling thread with the number of finished instances and of all instances.
 
     Raises:
         UnknownNameError: a parameter is not among those of the problem.
-        ShapeError: shapes do not fit, each other or the problem.
+        ShapeError: shapes do not fit each other or the problem.
         ProblemError: a value is not finite, or bounds exclude each other.
         SolverError: a warm start does not fit, or threads is not positive.
     """
@@ -100,7 +100,7 @@ def solve_batch(
         )
     if threads is not None and not (isinstance(threads, int) and threads > 0):
         raise SolverError(
-            f"solve_batch: threads is out of range - got {threads!r}, expected a positive number; raise it"
+            f"solve_batch: threads is out of range - got {threads!r}, expected a positive number; give one"
         )
     require_derivatives(problem, "solve_batch")
     compiled = compile_problem(problem) if isinstance(problem, Problem) else problem
@@ -117,7 +117,7 @@ def solve_batch(
 
 
 class _Batch:
-    """The instances of a batch, checked before any is solved, and what has been found for them."""
+    """The instances of a batch, all checked before the first solve, and their results."""
 
     def __init__(
         self,
@@ -147,8 +147,8 @@ class _Batch:
             sizes["warm start"] = len(warm_start)
         if len(set(sizes.values())) != 1 or 0 in sizes.values():
             raise ShapeError(
-                f"solve_batch: not one number of instances - got {sizes or 'nothing that varies'}, expected the same "
-                "positive number everywhere; give as many rows of each"
+                f"solve_batch: number of instances is unclear - got {sizes or 'nothing that varies'}, expected the "
+                "same positive number everywhere; give the same number of rows for each"
             )
         self.size = next(iter(sizes.values()))
         self.values: list[dict[ParameterKey, Array]] = []
@@ -165,7 +165,7 @@ class _Batch:
                 if i == 0 or not isinstance(warm_start, Solution):
                     first_iterate(compiled, self.warm[i])
                 if bounded:
-                    self.instance(i)  # whether bounds exclude each other
+                    self.instance(i)  # raises if bounds exclude each other
             except (ProblemError, SolverError) as error:
                 raise type(error)(f"{where}: {error}") from error
         self.recorder = BatchRecorder(compiled, self.size, gains)
@@ -177,7 +177,7 @@ class _Batch:
     # ---- in NumPy, one after the other
 
     def solve_in_numpy(self, progress: Callable[[int, int], None] | None) -> None:
-        """Solve every instance; Ctrl-C ends the batch after keeping the iterate of the instance under way."""
+        """Solve every instance; Ctrl-C stops the batch, and the iterate of the running instance is kept."""
         functions = ProblemFunctions(self.compiled)
         for i in range(self.size):
             try:
@@ -226,11 +226,11 @@ class _Batch:
     # ---- in C, over threads
 
     def solve_in_c(self, memory: SolverMemory, threads: int, progress: Callable[[int, int], None] | None) -> None:
-        """Solve every instance; Ctrl-C and errors end the batch once every thread has stopped."""
+        """Solve every instance; Ctrl-C and errors stop the batch when every thread has stopped."""
         library = memory.compiled_library
         memories = [memory] + [SolverMemory(self.compiled, library, self.options) for _ in range(threads - 1)]
         stop, errors = threading.Event(), list[BaseException]()
-        following, told = iter(range(self.size)), 0
+        following, reported = iter(range(self.size)), 0
         lock = threading.Lock()
         self.done = 0
 
@@ -243,7 +243,7 @@ class _Batch:
                         return
                     with lock:
                         self.done += 1
-            except BaseException as error:  # told by the thread that waits
+            except BaseException as error:  # the waiting thread raises it
                 errors.append(error)
                 stop.set()
 
@@ -253,9 +253,9 @@ class _Batch:
                 worker.start()
             while True:
                 running = [worker for worker in workers if worker.runs]
-                if progress is not None and self.done > told:
-                    told = self.done
-                    progress(told, self.size)
+                if progress is not None and self.done > reported:
+                    reported = self.done
+                    progress(reported, self.size)
                 if not running:
                     break
                 running[0].wait(_POLL_S)
@@ -271,7 +271,7 @@ class _Batch:
             raise errors[0]
 
     def _solve_one_in_c(self, memory: SolverMemory, i: int, stop: threading.Event) -> bool:
-        """Solve instance i; return whether it was not begun because the batch is to stop."""
+        """Solve instance i; return False if the batch was stopped before its solve began."""
         began, warm = time.perf_counter(), self.warm[i]
         problem = self.instance(i)
         memory.set_numbers(problem)
@@ -279,7 +279,7 @@ class _Batch:
         if warm is not None:
             outer.resume(warm)
         resumed = write(memory, iterate_from(problem, warm), outer, warm)
-        if stop.is_set():  # asked after write(), which clears the wish to stop
+        if stop.is_set():  # checked after write(), which clears the request to stop
             return False
         c, r = memory.c, self.recorder
         status = STATUS[memory.library.piaffe_solve(ct.byref(c), resumed)]
@@ -315,8 +315,8 @@ def _rows(known: Parameters, name: str, value: ArrayLike) -> Array:
     return rows
 
 
-def _warm_start(given: Starts, i: int) -> WarmStart | None:
-    if isinstance(given, BatchSolution):
-        return given.warm_start(i)
-    solution = given if given is None or isinstance(given, Solution) else given[i]
+def _warm_start(starts: Starts, i: int) -> WarmStart | None:
+    if isinstance(starts, BatchSolution):
+        return starts.warm_start(i)
+    solution = starts if starts is None or isinstance(starts, Solution) else starts[i]
     return None if solution is None else WarmStart.of(solution)

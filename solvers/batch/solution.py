@@ -23,11 +23,11 @@ class BatchPhase:
     """One phase of every instance, with N stages.
 
     Args:
-        name: of the phase.
+        name: name of the phase.
         times: (N+1,) [s].
         states: (batch, N+1, nx). controls: (batch, N, nu).
-        feedforward: k (batch, N, nu). feedback: K (batch, N, nu, ndx). Both None unless gains were asked for.
-        multipliers: as in a :class:`PhaseSolution`, a batch of each: what a warm start takes up.
+        feedforward: k (batch, N, nu). feedback: K (batch, N, nu, ndx). Both are None without ``gains=True``.
+        multipliers: as in a :class:`PhaseSolution`, with the batch as first axis; a warm start uses them.
     """
 
     name: str
@@ -43,20 +43,20 @@ class BatchPhase:
 class BatchSolution:
     """The result of :func:`solve_batch`.
 
-    An instance that was not begun when the batch was interrupted has status ``INTERRUPTED``, no iteration and NaN
-    everywhere; one that was under way has its iterate.
+    If the batch was interrupted, an instance that had not started has the status ``INTERRUPTED``, no iteration, and NaN
+    in all arrays; an instance that was running has its last iterate.
 
     Args:
-        status: how each instance ended.
+        status: the reason why each instance ended.
         iterations: (batch,).
         cost: declared cost (batch,).
         max_defect, max_equality, max_inequality: (batch,), as in a :class:`Solution`.
         phases: trajectories.
         barrier_weight: last ε (batch,).
-        faults: what is not finite in instances that ended so, else empty.
-        search: state of each search; None for instances not begun.
-        solve_s: time of each instance on its thread (batch,) [s]. wall_s: time of the whole [s].
-        threads: how many.
+        faults: for instances with status ``NOT_FINITE``, a sentence about the number that is not finite; else empty.
+        search: state of each search; None for instances that had not started.
+        solve_s: time of each instance on its thread (batch,) [s]. wall_s: time of the whole batch [s].
+        threads: number of threads.
     """
 
     status: tuple[Status, ...]
@@ -78,7 +78,7 @@ class BatchSolution:
 
     @property
     def converged(self) -> NDArray[np.bool_]:
-        """Which instances met every tolerance, (batch,)."""
+        """Whether each instance met every tolerance, (batch,)."""
         return np.array([status is Status.CONVERGED for status in self.status], dtype=bool)
 
     @property
@@ -92,7 +92,7 @@ class BatchSolution:
         return np.concatenate([phase.controls for phase in self.phases], axis=1)
 
     def warm_start(self, i: int) -> WarmStart | None:
-        """Return what instance i hands on to another solve; None if it was not begun."""
+        """Return the warm start from the result of instance i; None if the instance had not started."""
         search = self.search[i]
         if search is None:
             return None
@@ -105,13 +105,13 @@ class BatchSolution:
         )  # fmt: skip
 
     def raise_if_failed(self) -> BatchSolution:
-        """Return the solution; raise SolverError with the explanation if some instance has not converged."""
+        """Return the solution; raise SolverError with the explanation if an instance has not converged."""
         if not self.converged.all():
             raise SolverError(self.explain())
         return self
 
     def explain(self) -> str:
-        """Say how many instances ended how, and which."""
+        """Return a text with the number of instances per status, and their indices."""
         lines = []
         for status, count in Counter(self.status).most_common():
             which = [i for i, other in enumerate(self.status) if other is status]
@@ -124,17 +124,17 @@ class BatchSolution:
         rate = len(self) / self.wall_s if self.wall_s > 0 else float("nan")
         return (
             f"{int(self.converged.sum())} of {len(self)} converged in {self.wall_s:.2f} s on {self.threads} threads, "
-            f"{rate:.1f} a second\n{self.explain()}"
+            f"{rate:.1f} per second\n{self.explain()}"
         )
 
 
 class BatchRecorder:
-    """Arrays of a batch under way, filled instance by instance from any thread.
+    """Arrays of a running batch; each thread fills the rows of its instances.
 
     Args:
         problem: the problem.
-        size: instances.
-        gains: whether feedforward and feedback are kept.
+        size: number of instances.
+        gains: whether feedforward and feedback are stored.
     """
 
     def __init__(self, problem: CompiledProblem, size: int, gains: bool) -> None:
@@ -167,17 +167,17 @@ class BatchRecorder:
         return {name: np.full((self.size, *table.shape), np.nan) for name, table in tables.items()}
 
     def put(self, i: int, row: int, **arrays: Array) -> None:
-        """Keep arrays of phase i of an instance."""
+        """Store arrays of phase i of an instance."""
         for name, array in arrays.items():
             self.arrays[i][name][row] = array.reshape(self.arrays[i][name].shape[1:])
 
     def put_multipliers(self, i: int, row: int, multipliers: Mapping[str, Array]) -> None:
-        """Keep the multipliers of phase i of an instance."""
+        """Store the multipliers of phase i of an instance."""
         for name, array in multipliers.items():
             self.multipliers[i][name][row] = array
 
     def solution(self, wall_s: float, threads: int) -> BatchSolution:
-        """Return what has been recorded."""
+        """Return the results so far."""
         phases = tuple(
             BatchPhase(
                 name=phase.name, times=phase.times, states=own["states"], controls=own["controls"],

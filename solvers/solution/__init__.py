@@ -1,4 +1,4 @@
-"""What a solve returns: solution, status, iteration records, and the file that holds them."""
+"""The result of a solve: solution, status, records of iterations, and its file."""
 
 from .parts import PhaseSolution as PhaseSolution
 from .record import Record as Record

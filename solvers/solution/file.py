@@ -1,4 +1,4 @@
-"""Files of solutions: one ``.npz`` with a JSON header that carries a format name and version."""
+"""Files of solutions: one ``.npz`` with a JSON header that contains the name and the version of the format."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def _read_space(blocks: list[dict[str, Any]]) -> Manifold:
 
 
 def write(solution: Mapping[str, Any], path: Path) -> Path:
-    """Write a solution; the file appears whole or not at all.
+    """Write a solution, atomically.
 
     Args:
-        solution: its fields by name, see :class:`Solution`.
-        path: where; ``.npz`` is added if it is missing.
+        solution: fields of the solution by name, see :class:`Solution`.
+        path: the file; ``.npz`` is added if it is missing.
 
     Returns:
-        Where it was written.
+        The path of the file.
     """
     arrays: dict[str, Array] = {}
     phases = []
@@ -93,7 +93,7 @@ def read(path: Path) -> dict[str, Any]:
         FileFormatError: the file is missing, truncated, foreign, or written by a newer version.
     """
     if not path.is_file():
-        raise _error(path, "not there", "no file", "a saved solution", "check the path")
+        raise _error(path, "does not exist", "no file", "a saved solution", "check the path")
 
     def refuse(fault: Fault) -> FileFormatError:
         return _refusal(path, fault)
@@ -112,14 +112,14 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _refusal(path: Path, fault: Fault) -> FileFormatError:
-    """Return the error of a file that is no solution, or a damaged one."""
+    """Return the error of a file that is damaged or is not a solution."""
     if fault.kind == "damaged":
         return _error(path, "truncated or not an archive", fault.got, "a .npz saved by Piaffe", _AGAIN)
     if fault.kind == "newer":
         return _error(path, "written by a newer Piaffe", fault.got, f"at most {VERSION}", "upgrade Piaffe")
     got = "no readable header" if fault.kind == "headless" else fault.got
-    wanted = {"headless": f"one of format '{FORMAT}'", "foreign": f"'{FORMAT}'", "unversioned": "a whole number"}
-    return _error(path, "foreign archive", got, wanted[fault.kind], "pass a file saved by Piaffe")
+    expected = {"headless": f"one of format '{FORMAT}'", "foreign": f"'{FORMAT}'", "unversioned": "a whole number"}
+    return _error(path, "foreign archive", got, expected[fault.kind], "pass a file saved by Piaffe")
 
 
 def _record(values: dict[str, Any]) -> Record:

@@ -1,4 +1,4 @@
-"""Parts of a solution: what each phase holds beside its trajectory."""
+"""Parts of a solution: the results of each phase in addition to its trajectory."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PhaseSolution:
-    """What one phase's solution holds beside its trajectory, for N stages.
+    """The results of one phase with N stages, in addition to its trajectory.
 
-    The policy is u = ū + α k + K (x ⊖ x̄); at the solution α k is what a further iteration would add. Expansions are in
-    δx and δu about the trajectory, barrier and augmented Lagrangian included.
+    The policy is u = ū + α k + K (x ⊖ x̄). At the solution, α k is the change of ū in a further iteration. Expansions
+    are in δx and δu about the trajectory, barrier and augmented Lagrangian included.
 
     Args:
         feedforward: k (N, nu). feedback: K (N, nu, ndx).
         V_x, V_xx: value function at nodes 0..N. Q_x, Q_u, Q_xx, Q_ux, Q_uu: action-value function at stages.
-        defects: (N+1, ndx); row 0 is the initial state's or the reset map's.
-        multipliers: ``equality`` (N, nh), ``end_equality`` (nh_end,), ``inequality`` (N, ng), ``end_inequality``; of
-            rates for stages. ``penalty``, ``relaxation``, ``shift`` and ``end_`` twins: what a warm start resumes.
-        target_states: the path the motion was asked to follow (N+1, nx).
+        defects: (N+1, ndx); row 0 is the defect of the initial state or of the reset map.
+        multipliers: ``equality`` (N, nh), ``end_equality`` (nh_end,), ``inequality`` (N, ng), ``end_inequality``; those
+            of stages are rates. A warm start also uses ``penalty``, ``relaxation``, ``shift``, and the same three with
+            ``end_``.
+        target_states: states of the target path (N+1, nx).
     """
 
     feedforward: Array

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """One iteration, as the live table shows it and a solution keeps it.
+    """One iteration, for the live table and for the history of a solution.
 
     Args:
         iteration: from 1.

@@ -1,4 +1,4 @@
-"""The state of a search: what a solve knows beside its iterate and multipliers, to go on where it stopped."""
+"""The state of a search: with it, the iterate and the multipliers, a solve continues where it stopped."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from .. import constants
 
 @dataclass(frozen=True, kw_only=True)
 class SearchState:
-    """What line search, regularisation and outer loop remember from iteration to iteration.
+    """The state of line search, regularisation and outer loop between two iterations.
 
-    A warm start takes it up only if its iterate still has the same merit, that is, for the same problem: gains and
-    steps say nothing of another.
+    A warm start uses it only if its iterate has the same merit, that is, in the same problem: the last steps of one
+    problem have no meaning for another.
 
     Args:
-        merit: of the iterate, with the multipliers and weight ρ beside it.
+        merit: merit of the iterate with these multipliers and this weight ρ.
         rho, least_rho: weight of the defects in the merit, and its lower limit.
         regularization: Levenberg regularisation of the next iteration.
         step_size: last accepted step, 0 if the last search failed.
-        gains: what the last steps of this sub-problem gained, the newest last.
-        inner: iterations of this sub-problem.
-        unmoved: solved sub-problems in a row that did not reduce the violation.
+        gains: decrease of the merit in the last steps of this sub-problem, the newest last.
+        inner: number of iterations in this sub-problem.
+        unmoved: number of solved sub-problems since the last one that reduced the violation.
         last_equality, last_violation: violations at the last update of the multipliers; infinite before the first.
         last_cost: cost of the last solved sub-problem before ε shrank; None before the first.
     """
@@ -40,15 +40,15 @@ class SearchState:
     last_cost: float | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the state as JSON-able values."""
+        """Return the state as values for JSON."""
         return asdict(self)
 
     @staticmethod
     def from_json(values: dict[str, Any]) -> SearchState:
-        """Return the state that ``to_json`` described."""
+        """Return the state from the values of ``to_json``."""
         return SearchState(**{**values, "gains": tuple(values["gains"])})
 
 
 def is_same(merit: float, other: float) -> bool:
-    """Return whether two merits are of the same iterate of the same problem, but for rounding."""
+    """Return whether two merits are equal up to rounding: then they are of one iterate of one problem."""
     return abs(merit - other) <= constants.SAME_MERIT * (1 + abs(other))

@@ -1,4 +1,4 @@
-"""Solutions: a trajectory with the policy, value function, multipliers, history and accounts that came with it."""
+"""Solutions: a trajectory with policy, value function, multipliers, history, costs of terms and violations."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ class Solution:
     """The result of a solve.
 
     Args:
-        status: how it ended.
+        status: the reason why the solve ended.
         trajectory: times, states, controls and outputs.
         phases: policy, value function and multipliers, aligned with the trajectory's phases.
         history: one record per iteration.
-        cost: declared cost, barrier and multipliers left out.
+        cost: declared cost, without barrier and multipliers.
         max_defect: ∞-norm in the tangent. max_equality, max_inequality: raw SI divided by the row's scale.
-        term_costs: what each named term cost.
+        term_costs: cost of each named term.
         violations: the worst violation of each named constraint, worst first.
         barrier_weight: last ε.
         wall_s: time of the solve [s]. compile_s: time of compilation [s].
-        models: model name → recipe. limits: what constraints declared, for plots.
-        fault: what is not finite, by function, declaration, phase, node and time; empty if nothing is.
-        search: what a warm start needs beside iterate and multipliers to go on as if the solve had not stopped.
+        models: model name → recipe. limits: declared limits of constraints, for plots.
+        fault: a sentence about a number that is not finite, with function, declaration, phase, node and time; empty if
+            all are finite.
+        search: state of the search; with it a warm start continues as if the solve had not stopped.
     """
 
     status: Status
@@ -87,7 +88,7 @@ class Solution:
         return self
 
     def explain(self) -> str:
-        """Say how the solve ended, what it missed, and what stands in its way."""
+        """Return a text about the end of the solve: the reason, the violations, the largest defect."""
         lines = [self.status.advice, *([self.fault] if self.fault else [])]
         if self.history:
             last = self.history[-1]
@@ -103,7 +104,7 @@ class Solution:
             lines.append(
                 f"- {violation.kind} '{violation.name}' ({violation.source}), phase '{violation.phase}', "
                 f"node {violation.node}: "
-                f"missed by {violation.amount:.3g}{unit}; it pushes with {violation.multiplier or 0.0:.3g}"
+                f"violated by {violation.amount:.3g}{unit}; its multiplier is {violation.multiplier or 0.0:.3g}"
             )
         defects = [
             (float(np.max(np.abs(p.defects))), t.name, p.defects, t)

@@ -1,10 +1,10 @@
-"""How a solve ended: an enumeration whose values are sentences with advice."""
+"""Why a solve ended: an enumeration whose values are sentences with advice."""
 
 from enum import Enum
 
 
 class Status(Enum):
-    """The end of a solve."""
+    """The reason why a solve ended."""
 
     CONVERGED = "Converged: the iterate is stationary and every tolerance is met."
     ITERATION_LIMIT = (
@@ -23,8 +23,8 @@ class Status(Enum):
         "all hold: relax them, lengthen the phase or move the keyframe."
     )
     NOT_FINITE = (
-        "A value or derivative is NaN or infinite, at the start or where no step leads past it; check the function "
-        "that explain() names: bound what it may see, or begin elsewhere."
+        "A value or derivative is NaN or infinite, at the start or at every trial step; check the function that "
+        "explain() names: bound its arguments, or start from another iterate."
     )
     INTERRUPTED = "Interrupted by the user; the best iterate so far is returned."
 

@@ -231,7 +231,7 @@ def test_violations_of_a_file_of_version_1_load(saved: Path) -> None:
     loaded = Solution.load(saved)
     assert loaded.violations == (Violation(**entry),)
     assert Violation is ocp.Violation
-    assert "missed by 0.25 N; it pushes with 1.5" in loaded.explain()
+    assert "violated by 0.25 N; its multiplier is 1.5" in loaded.explain()
 
 
 @pytest.mark.parametrize("entry", ["status", "phases", "history", "cost", "models", "violations"])
@@ -263,7 +263,7 @@ def test_array_that_is_not_there(saved: Path) -> None:
 
 
 def test_missing_file_and_folder(tmp_path: Path) -> None:
-    with pytest.raises(FileFormatError, match=r"file 'nowhere.npz': not there - got no file"):
+    with pytest.raises(FileFormatError, match=r"file 'nowhere.npz': does not exist - got no file"):
         Solution.load(tmp_path / "nowhere.npz")
-    with pytest.raises(FileFormatError, match="not there - got"):
+    with pytest.raises(FileFormatError, match="does not exist - got"):
         Solution.load(tmp_path)
