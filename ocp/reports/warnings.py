@@ -23,7 +23,7 @@ TOLERANCE = 1e-3
 def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
     """Return the warnings that ``describe`` and ``check`` show: the models' own, and those of the initial guess."""
     models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
-    found = [warning for model in models for warning in model.warnings(compiled.path)] + broken_at_start(compiled)
+    found = [warning for model in models for warning in model.warnings(compiled.path)] + initial_violations(compiled)
     guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
     if guesses:
         stages = {phase: guess.stage["residual"] for phase, guess in guesses.items()}
@@ -35,7 +35,7 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
     return list(dict.fromkeys(found))
 
 
-def broken_at_start(compiled: CompiledProblem) -> list[ProblemWarning]:
+def initial_violations(compiled: CompiledProblem) -> list[ProblemWarning]:
     """Return a warning per constraint on the state that the initial state violates: no control can change that.
 
     Args:
