@@ -25,9 +25,7 @@ def study(
     stale: Annotated[
         str, typer.Option(help="Existing episodes of other code or another value: refuse, keep or redo.")
     ] = "refuse",
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Check the study and its controllers, and stop.")
-    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check the study and its controllers, and stop.")] = False,
     tables: Annotated[
         bool, typer.Option("--tables", help="Run nothing; write tables and figures of the finished episodes.")
     ] = False,
