@@ -273,6 +273,26 @@ def test_vector_width_changes_nothing(name: str, width: int) -> None:
     assert_same_result(solution, by_numpy(name))
 
 
+@pytest.mark.parametrize("width", [1, 4, 8])
+def test_nodes_of_one_block_may_have_different_time_steps(width: int) -> None:
+    """One stage of 1 ms and six of 0.1 s share functions and blocks; their rows weigh by their own time steps."""
+    ball = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+        modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81}},
+    )  # fmt: skip
+    motion = ocp.Motion(ocp.Phase("wait", "fall", 0.001), ocp.Phase("rise", "fall", 0.6, {"z": 1.5}))
+    objective = ocp.Objective(ocp.track("z", 2000.0, at="end"), ocp.regularize("thrust", 1e-3))
+    limits = ocp.Constraints(ocp.inequality(lambda s: s.thrust, lower=-1.0, upper=16.0, name="thrust", unit="N"))
+    problem = compile_problem(
+        ocp.Problem(motion, ball.over(0.001, dt=0.001) + ball.over(0.6, dt=0.1), objective, limits, initial=[1.0, 0.0])
+    )
+    for inner in (1, 5):
+        options = Options(max_inner=inner)
+        solution = of_width(problem, width, options).solve()
+        assert_same_history(solution, MSiLQR(problem, options, backend="numpy").solve())
+        assert solution.status is Status.CONVERGED
+
+
 @pytest.mark.parametrize("name", ["hopper", "flying body"])
 def test_single_shooting_falls_back_to_numpy(name: str) -> None:
     options = Options(max_iterations=8)
