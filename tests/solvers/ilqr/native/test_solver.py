@@ -30,7 +30,7 @@ from piaffe.solvers.ilqr.native.program import program
 from piaffe.solvers.ilqr.result import assemble
 from piaffe.solvers.ilqr.run import Run
 
-from ....problems import PROBLEMS, linear_quadratic
+from ....problems import PROBLEMS, linear_quadratic, tumbling
 from .watched import Watched, same_decisions
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
@@ -291,6 +291,33 @@ def test_nodes_of_one_block_may_have_different_time_steps(width: int) -> None:
         solution = of_width(problem, width, options).solve()
         assert_same_history(solution, MSiLQR(problem, options, backend="numpy").solve())
         assert solution.status is Status.CONVERGED
+
+
+def test_first_step_from_a_large_defect_at_a_reset_that_turns_is_that_of_numpy() -> None:
+    problem = compile_problem(tumbling())
+    rng, one = np.random.default_rng(0), Options(max_iterations=1)
+    begun = MSiLQR(problem, one, backend="numpy").solve()
+    parts = tuple(
+        replace(part, states=phase.mode.state.np_plus(part.states, rng.normal(scale=0.5, size=(len(part.states), 6))))
+        for phase, part in zip(problem.phases, begun.trajectory.phases, strict=True)
+    )
+    far = replace(begun, trajectory=replace(begun.trajectory, phases=parts))
+    a, b = (MSiLQR(problem, one, backend=backend).solve(far) for backend in ("native", "numpy"))
+    assert a.iterations == 1
+    assert_same_history(a, b)
+    assert_same_result(a, b)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_state_of_the_search_is_handed_over_as_it_was(backend: Backend) -> None:
+    """A solve that is out of time at once has changed nothing of what it was given."""
+    problem = compiled("swing up")
+    part = MSiLQR(problem, Options(max_iterations=6, max_inner=100), backend=backend).solve()
+    assert part.search is not None
+    assert len(part.search.gains) >= 2
+    again = MSiLQR(problem, Options(time_limit_s=1e-12, max_inner=100), backend=backend).solve(part)
+    assert again.status is Status.TIME_LIMIT
+    assert again.search == part.search
 
 
 @pytest.mark.parametrize("name", ["hopper", "flying body"])
