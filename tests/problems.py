@@ -160,6 +160,29 @@ def hopper() -> ocp.Problem:
     return ocp.Problem(motion, leg.until_end(dt=0.02), objective, limits, initial=[0.0, 1.185, 1.0, 0.0, 0.1])
 
 
+def tumbling() -> ocp.Problem:
+    """A free rigid body loses half of its rate on the way, and a quarter turn is added; not among ``PROBLEMS``."""
+    inertia = cs.DM([0.06, 0.22, 0.27])
+
+    def fly(s):
+        return {"attitude": s.rate, "rate": (s.torque - cs.cross(s.rate, inertia * s.rate)) / inertia}
+
+    body = ocp.Model("tumbling", control={"torque": 3}, state={"attitude": "rotation", "rate": 3}, modes={"fly": fly})
+    quarter = cs.DM(rotation.np_from_rpy(np.array([pi / 2, 0.0, 0.0])))
+    jolt = ocp.reset(lambda s: {"attitude": rotation.multiply(s.attitude, quarter), "rate": 0.5 * s.rate})
+    motion = ocp.Motion(
+        ocp.Phase("before", "fly", 0.2, {"attitude": (0.4, 0.3, -0.5)}, reset=jolt),
+        ocp.Phase("after", "fly", 0.2, {"attitude": (2.4, 0.3, -0.5)}),
+    )
+    objective = ocp.Objective(
+        ocp.regularize("torque", 1.0),
+        ocp.track(Quantity("attitude", "rad", "rotation"), 1.0),
+        ocp.regularize("rate", 0.1),
+    )
+    start = np.array([1.0, 0.0, 0.0, 0.0, 0.5, 0.2, -0.3])
+    return ocp.Problem(motion, body.until_end(dt=0.05), objective, initial=start)
+
+
 PLACE, SPEED = Quantity("place", "m"), Quantity("speed", "m/s")
 
 

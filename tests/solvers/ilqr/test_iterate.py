@@ -11,7 +11,7 @@ from piaffe.solvers.ilqr import barrier
 from piaffe.solvers.ilqr.iterate import Iterate
 from piaffe.solvers.ilqr.run import Run
 
-from ...problems import PROBLEMS, linear_quadratic, rope
+from ...problems import PROBLEMS, linear_quadratic, rope, tumbling
 
 STEP = 1e-6  # central differences: error of order STEP² from curvature and 1e-16/STEP from rounding
 
@@ -124,6 +124,16 @@ def test_dynamics_and_reset_jacobians_match_finite_differences(name: str) -> Non
         elif models[i].P is not None:
             P = np.array([slopes(i, k, (i + 1, 0), e, None) for e in np.eye(ndx)]).T
             np.testing.assert_allclose(models[i].P, P, atol=1e-6)
+
+
+def test_jacobian_of_a_reset_that_turns_matches_finite_differences_at_a_large_defect() -> None:
+    run = at_random(tumbling())
+    model, found = run.linearise()[0], []
+    assert np.linalg.norm(run.current.defects[1][0][:3]) > 0.5  # [rad], so that the difference bends
+    for e in np.eye(6):
+        ends = [run.evaluate(moved(run, 0, 4, sign * STEP * e, None)).defects[1][0] for sign in (1, -1)]
+        found.append((ends[0] - ends[1]) / (2 * STEP))
+    np.testing.assert_allclose(model.P, np.array(found).T, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

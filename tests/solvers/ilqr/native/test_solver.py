@@ -30,7 +30,7 @@ from piaffe.solvers.ilqr.native.program import program
 from piaffe.solvers.ilqr.result import assemble
 from piaffe.solvers.ilqr.run import Run
 
-from ....problems import PROBLEMS, linear_quadratic
+from ....problems import PROBLEMS, linear_quadratic, tumbling
 from .watched import Watched, same_decisions
 
 GCC = next((path for name in ("gcc", "cc", "clang") if (path := shutil.which(name))), None)
@@ -271,6 +271,53 @@ def test_vector_width_changes_nothing(name: str, width: int) -> None:
     solution = of_width(compiled(name), width).solve()
     assert_same_history(solution, by_numpy(name))
     assert_same_result(solution, by_numpy(name))
+
+
+@pytest.mark.parametrize("width", [1, 4, 8])
+def test_nodes_of_one_block_may_have_different_time_steps(width: int) -> None:
+    """One stage of 1 ms and six of 0.1 s share functions and blocks; their rows weigh by their own time steps."""
+    ball = ocp.Model(
+        "ball", state={"z": 1, "vz": 1}, control={"thrust": 1},
+        modes={"fall": lambda s: {"z": s.vz, "vz": s.thrust - 9.81}},
+    )  # fmt: skip
+    motion = ocp.Motion(ocp.Phase("wait", "fall", 0.001), ocp.Phase("rise", "fall", 0.6, {"z": 1.5}))
+    objective = ocp.Objective(ocp.track("z", 2000.0, at="end"), ocp.regularize("thrust", 1e-3))
+    limits = ocp.Constraints(ocp.inequality(lambda s: s.thrust, lower=-1.0, upper=16.0, name="thrust", unit="N"))
+    problem = compile_problem(
+        ocp.Problem(motion, ball.over(0.001, dt=0.001) + ball.over(0.6, dt=0.1), objective, limits, initial=[1.0, 0.0])
+    )
+    for inner in (1, 5):
+        options = Options(max_inner=inner)
+        solution = of_width(problem, width, options).solve()
+        assert_same_history(solution, MSiLQR(problem, options, backend="numpy").solve())
+        assert solution.status is Status.CONVERGED
+
+
+def test_first_step_from_a_large_defect_at_a_reset_that_turns_is_that_of_numpy() -> None:
+    problem = compile_problem(tumbling())
+    rng, one = np.random.default_rng(0), Options(max_iterations=1)
+    begun = MSiLQR(problem, one, backend="numpy").solve()
+    parts = tuple(
+        replace(part, states=phase.mode.state.np_plus(part.states, rng.normal(scale=0.5, size=(len(part.states), 6))))
+        for phase, part in zip(problem.phases, begun.trajectory.phases, strict=True)
+    )
+    far = replace(begun, trajectory=replace(begun.trajectory, phases=parts))
+    a, b = (MSiLQR(problem, one, backend=backend).solve(far) for backend in ("native", "numpy"))
+    assert a.iterations == 1
+    assert_same_history(a, b)
+    assert_same_result(a, b)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_state_of_the_search_is_handed_over_as_it_was(backend: Backend) -> None:
+    """A solve that is out of time at once has changed nothing of what it was given."""
+    problem = compiled("swing up")
+    part = MSiLQR(problem, Options(max_iterations=6, max_inner=100), backend=backend).solve()
+    assert part.search is not None
+    assert len(part.search.gains) >= 2
+    again = MSiLQR(problem, Options(time_limit_s=1e-12, max_inner=100), backend=backend).solve(part)
+    assert again.status is Status.TIME_LIMIT
+    assert again.search == part.search
 
 
 @pytest.mark.parametrize("name", ["hopper", "flying body"])
