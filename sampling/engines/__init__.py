@@ -3,10 +3,10 @@
 ==========  ===================================================================  ======================
 engine      how                                                                  needs
 ==========  ===================================================================  ======================
-``native``  MuJoCo in C, samples spread over threads                             nothing
-``simd``   MuJoCo's step as generated C, with SIMD over samples, on threads     a C compiler
+``native``  MuJoCo in C, samples divided among threads                           nothing
+``simd``    MuJoCo's step as generated C, with SIMD over samples, on threads     a C compiler
 ``mjx``     MuJoCo XLA: all samples at once on a CPU or a GPU                    ``piaffe[sampling]``
-``auto``    ``simd`` where it has all that the model needs, else ``native``     nothing
+``auto``    ``simd`` if it supports the model, else ``native``                   nothing
 ==========  ===================================================================  ======================
 """
 
@@ -44,12 +44,13 @@ def engine_for(model: Simulated, name: EngineName = "auto", *, threads: int | No
     Args:
         model: what to simulate, as ``models.Mujoco``.
         name: ``"auto"``, ``"native"``, ``"simd"`` or ``"mjx"``.
-        threads: of the engines in C; one per core by default. XLA has its own.
-        **options: of the engine's class; with ``"auto"`` what both :class:`NativeEngine` and :class:`SimdEngine` have.
+        threads: number of threads of the engines in C; one per core by default. XLA has its own threads.
+        **options: options of the engine's class; with ``"auto"``, those that :class:`NativeEngine` and
+            :class:`SimdEngine` both have.
 
     Raises:
-        SamplingError: there is no such engine, it has not what the model or it needs.
-        ModelError: the simulated state is more than positions and speeds.
+        SamplingError: there is no such engine, it does not support the model, or a package or compiler is missing.
+        ModelError: the simulated state is more than positions and velocities.
     """
     if name == "mjx":
         return MjxEngine(model, **options)
@@ -61,7 +62,7 @@ def engine_for(model: Simulated, name: EngineName = "auto", *, threads: int | No
         except DifferentError as error:
             warnings.warn(f"rolling out with MuJoCo itself, five times slower: {error}", stacklevel=2)
         except SamplingError:
-            pass  # what it does not simulate, MuJoCo does
+            pass  # the native engine simulates the model instead
     if name in ("auto", "native"):
         return NativeEngine(model, threads=threads, **options)
     if str(name) == "lanes":

@@ -1,4 +1,4 @@
-"""What a rollout engine is given and returns, whatever simulates."""
+"""The interface of all roll-out engines: arguments, results and checks."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Rollouts:
-    """States that follow from one state under many control sequences.
+    """The states of many samples, each with its own control sequence.
 
     Attributes:
-        states: x₀ … x_S of every sample, (n, S + 1, nx). Read it before the engine's next rollout, which writes over
-            it, or keep a copy. A failed sample stands still from the first bad step on, so that every number is finite.
+        states: x₀ … x_S of every sample, (n, S + 1, nx). The engine's next roll-out overwrites this array; copy it to
+            keep it. The state of a failed sample is constant from the first bad step on, so every number is finite.
         failed: samples whose simulation diverged or stopped, (n,).
     """
 
@@ -54,15 +54,15 @@ class Simulated(Protocol):
 
 
 class Engine(ABC):
-    """Simulates many control sequences from one state, or from one state each; a context that closes it.
+    """Simulates many control sequences from one state, or from one state each; a context manager that closes it.
 
-    An engine may simulate steps that all samples share once for all of them. It is for one thread at a time: its memory
-    is kept from rollout to rollout.
+    An engine may simulate the steps that are the same for all samples only once. Only one thread may use it at a time,
+    because each roll-out uses the same memory.
 
     Attributes:
-        name: what it is asked for by.
+        name: name of the engine in options.
         nq: number of positions.
-        nv: number of speeds.
+        nv: number of velocities.
         nu: number of controls.
         closed: whether it was closed.
     """
@@ -77,8 +77,8 @@ class Engine(ABC):
     def rollout(self, x0: Array, controls: Array) -> Rollouts:
         """Simulate control sequences from a state, or from one state each.
 
-        A sample fails when it leaves the finite numbers, moves faster than ``MAX_SPEED``, is given a control that is
-        not finite, or makes the simulator stop; see :class:`Rollouts` for what its states are then.
+        A sample fails if its state or control is not finite, if a velocity is above ``MAX_SPEED``, or if the simulator
+        stops; :class:`Rollouts` describes its states.
 
         Args:
             x0: initial state, (nx,), or one per sample, (n, nx).
@@ -86,7 +86,7 @@ class Engine(ABC):
 
         Raises:
             ShapeError: an array has the wrong shape.
-            SamplingError: the engine was closed, or another thread's rollout is under way.
+            SamplingError: the engine was closed, or another thread is using it.
         """
         if self.closed:
             raise SamplingError(
@@ -95,7 +95,7 @@ class Engine(ABC):
         x0, controls = shapes(f"{self.name} engine", x0, controls, self.nq + self.nv, self.nu)
         if not self._turn.acquire(blocking=False):
             raise SamplingError(
-                f"{self.name} engine: rollout - got a second one while another thread's is under way, expected one at "
+                f"{self.name} engine: rollout - got a second one while another thread's is running, expected one at "
                 "a time; make an engine for each thread"
             )
         try:
@@ -111,11 +111,11 @@ class Engine(ABC):
 
     @abstractmethod
     def _simulate(self, x0: Array, controls: Array) -> Rollouts:
-        """Simulate what :meth:`rollout` has looked at."""
+        """Simulate controls that :meth:`rollout` has checked."""
 
     @abstractmethod
     def _release(self) -> None:
-        """Let go of threads and memory; called once."""
+        """Release threads and memory; called once."""
 
     def __enter__(self) -> Self:
         return self
@@ -142,22 +142,24 @@ def shapes(name: str, x0: Any, controls: Any, nx: int, nu: int) -> tuple[Array, 
 
 
 def shared_steps(controls: Array) -> int:
-    """Return how many of the first controls (n, S, nu) all samples share: less than S, and none if n is 1."""
+    """Return how many of the first controls (n, S, nu) are equal for all samples: less than S, and 0 if n is 1."""
     n, steps = controls.shape[:2]
     count = 0
     while n > 1 and count < steps - 1:
         first, second = controls[:2, count]
-        if not (np.array_equal(first, second) and np.all(controls[:, count] == first)):  # two tell most often
+        if not (
+            np.array_equal(first, second) and np.all(controls[:, count] == first)
+        ):  # the comparison of two samples is often enough
             break
         count += 1
     return count
 
 
 def may_be_bad(states: Array, nq: int) -> NDArray[np.bool_]:
-    """Return the samples to look at more closely, (n,): all with a bad state and perhaps others.
+    """Return the samples that need a full check, (n,): all with a bad state, and possibly others.
 
-    One pass over the numbers and no copy: the speeds of all steps and joints together are compared with the limit of
-    one.
+    This needs one pass over the numbers and no copy: the norm of the velocities of all steps and joints is compared
+    with the limit of one velocity.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         speeds = states[:, :, nq:]
@@ -167,16 +169,16 @@ def may_be_bad(states: Array, nq: int) -> NDArray[np.bool_]:
 
 
 def hold_last_good(states: Array, nq: int, samples: Sequence[int], stopped: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Let samples stand still from their first bad state on, and return which had one, (m,).
+    """Replace each bad state and those after it with the last good state; return which samples had one, (m,).
 
-    A state is bad if a number of it is not finite, a speed is beyond ``MAX_SPEED``, or the simulator had stopped.
-    Numbers of x₀ that are not finite become zeros.
+    A state is bad if a number of it is not finite, a velocity is above ``MAX_SPEED``, or the simulator had stopped.
+    Numbers of x₀ that are not finite become zero.
 
     Args:
         states: (n, S + 1, nx), changed in place.
-        nq: number of positions; what follows are speeds.
-        samples: those to look at, (m,).
-        stopped: whether the simulator had stopped by then, (m, S).
+        nq: number of positions, which are before the velocities.
+        samples: samples to check, (m,).
+        stopped: whether the simulator had stopped before the end of each step, (m, S).
     """
     paths = states[samples]
     with np.errstate(invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Rollouts by MuJoCo XLA: every sample at once, on whatever processor JAX has."""
+"""Roll-outs by MuJoCo XLA: all samples at once, on any device of JAX."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ Precision = Literal["single", "double"]
 class MjxEngine(Engine):
     """Simulates all samples at once, by MuJoCo XLA under ``jit`` and ``vmap``.
 
-    The first rollout of a size compiles for it, which takes half a minute; ``jax_compilation_cache_dir`` keeps what
-    was compiled. MuJoCo's PGS solver, which MJX has not, is replaced by Newton, with a warning.
+    The first roll-out of each size compiles code for it, which takes half a minute. JAX keeps compiled code in the
+    folder ``jax_compilation_cache_dir``, if that is set. MJX lacks MuJoCo's PGS solver; Newton replaces it, with a
+    warning.
 
     Args:
-        model: what to simulate. A sample's control is held over the model's substeps.
-        precision: ``"single"``, what GPUs are good at, or ``"double"``.
-        warm_start: whether the contact solver starts from the last step's solution, as the model has it unless given.
-        device: a device of JAX; its default one unless given.
+        model: model to simulate. A sample's control is constant over the model's substeps.
+        precision: ``"single"``, which is fast on GPUs, or ``"double"``.
+        warm_start: whether the contact solver starts from the last step's solution; as in the model by default.
+        device: a device of JAX; by default its default device.
 
     Raises:
-        SamplingError: JAX or MJX is not installed, or MJX has not what the model needs.
-        ModelError: the simulated state is more than positions and speeds.
+        SamplingError: JAX or MJX is not installed, or MJX does not support the model.
+        ModelError: the simulated state is more than positions and velocities.
     """
 
     name = "mjx"
@@ -75,7 +76,8 @@ class MjxEngine(Engine):
     def computing(self) -> Iterator[None]:
         """Compute in this engine's precision and on its device: a context for calls of :meth:`states` under ``jit``.
 
-        Products of matrices have all digits of their type: by default GPUs round factors to the eleven bits of TF32.
+        Matrix products have the full precision of their type; by default, GPUs round the factors to the 11 bits of
+        TF32.
         """
         jax = self._jax
         double = enable_x64(jax, self.precision == "double")
@@ -83,7 +85,7 @@ class MjxEngine(Engine):
             yield
 
     def states(self, x0: Any, controls: Any) -> tuple[Any, Any]:
-        """Return states (S + 1, nx) and whether the sample failed, of one sample, for use within ``jit`` and ``vmap``.
+        """Return the states (S + 1, nx) of one sample and whether it failed, for use within ``jit`` and ``vmap``.
 
         Args:
             x0: (nx,).
@@ -114,7 +116,7 @@ class MjxEngine(Engine):
 
 
 def _stepping(jax: Any, model: Any, substeps: int) -> Callable[[Any, Any], Any]:
-    """Return the function of a simulation's data and a control that gives its data after the substeps."""
+    """Return a function of a simulation's data and a control that returns the data after the substeps."""
     mjx = import_mjx()
 
     def advance(data: Any, control: Any) -> Any:
@@ -127,7 +129,7 @@ def _stepping(jax: Any, model: Any, substeps: int) -> Callable[[Any, Any], Any]:
 
 
 def enable_x64(jax: Any, enabled: bool) -> Any:
-    """Return the context in which JAX has, or has not, double precision."""
+    """Return the context that enables or disables double precision in JAX."""
     if hasattr(jax, "enable_x64"):
         return jax.enable_x64(enabled)
     older = importlib.import_module("jax.experimental")

@@ -1,4 +1,4 @@
-"""A MuJoCo model as MJX takes it, or a sentence on what it does not take."""
+"""Conversion of a MuJoCo model for MJX, with errors for what MJX does not support."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from piaffe.models import import_mujoco
 
 
 class MjxWarning(UserWarning):
-    """MJX simulates something else than MuJoCo would."""
+    """MJX simulates the model in another way than MuJoCo."""
 
 
 def import_mjx() -> Any:
@@ -22,7 +22,7 @@ def import_mjx() -> Any:
         SamplingError: it is not installed.
     """
     try:
-        # it reports on optional packages by printing
+        # the import prints messages about optional packages
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             from mujoco import mjx
     except ImportError as error:
@@ -34,34 +34,34 @@ def import_mjx() -> Any:
 
 
 def on_device(model: Any, device: Any = None) -> tuple[Any, Any]:
-    """Return the model and its blank data as MJX has them, in the precision that JAX has enabled.
+    """Return the model and its initial data for MJX, in the precision that JAX has enabled.
 
     Args:
         model: a ``mujoco.MjModel``; its options may be changed.
-        device: a device of JAX; its default one unless given.
+        device: a device of JAX; by default its default device.
 
     Raises:
-        SamplingError: MJX lacks what the model needs.
+        SamplingError: MJX does not support the model.
     """
     mjx = import_mjx()
-    _settle_options(model)
+    _adapt_options(model)
     try:
         return mjx.put_model(model, device=device, impl="jax"), mjx.make_data(model, device=device, impl="jax")
     except NotImplementedError as error:
         raise SamplingError(
-            f"mjx engine: MJX has not all that the model needs - got '{error}', expected shapes and actuators that it "
-            'has; let other shapes collide (spheres on planes, boxes and height fields do), or choose engine="native"'
+            f"mjx engine: MJX does not support the model - got '{error}', expected shapes and actuators of MJX; "
+            'use other shapes for collisions (spheres on planes, boxes or height fields), or choose engine="native"'
         ) from error
 
 
-def _settle_options(model: Any) -> None:
-    """Replace PGS by Newton; refuse what has no counterpart."""
+def _adapt_options(model: Any) -> None:
+    """Replace PGS by Newton; raise an error for options that MJX lacks."""
     mujoco = import_mujoco()
     solvers, integrators = mujoco.mjtSolver, mujoco.mjtIntegrator
     if model.opt.solver == solvers.mjSOL_PGS:
         warnings.warn(
-            f"mjx engine: MJX has no PGS solver, Newton takes its place with {model.opt.iterations} iterations; ask "
-            "for Newton in the model's contact to have the same solver on every engine",
+            f"mjx engine: MJX has no PGS solver, Newton takes its place with {model.opt.iterations} iterations; "
+            "choose Newton in the model's contact to have the same solver on every engine",
             MjxWarning,
             stacklevel=4,
         )

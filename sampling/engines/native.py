@@ -1,4 +1,4 @@
-"""Rollouts on the CPU: MuJoCo's own loop in C, in a pool of threads that stays."""
+"""Roll-outs on the CPU: MuJoCo's own loop in C, on a permanent pool of threads."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from piaffe.models import import_mujoco
 from .engine import Array, Engine, Rollouts, Simulated, hold_last_good, may_be_bad, shared_steps
 from .take import no_time, take
 
-CHUNKS_PER_THREAD = 16  # so that 513 samples, or 1025, make two even shares
+CHUNKS_PER_THREAD = 16  # so that 513 or 1025 samples are divided evenly between two threads
 
 
 @dataclass(frozen=True, slots=True)
 class _Buffers:
-    """Memory of one size of rollout, of whose S steps the first L are simulated once for all samples.
+    """Memory for roll-outs of one size, in which the first L of S steps are simulated once for all samples.
 
-    `simulated` is (time, x) after every step of the simulator.
+    `simulated` contains (time, x) after every step of the simulator.
     """
 
     models: list[Any]
     initial: Array  # (n, 1 + nx)
     warm: Array  # (n, nv)
-    held: Array | None  # (n, (S - L) · substeps, nu), unless it is `controls` as they are
+    held: Array | None  # controls of all substeps, (n, (S - L) · substeps, nu); None if `controls` can be used directly
     simulated: Array  # (n, (S - L) · substeps, 1 + nx)
     sensors: Array
     states: Array  # (n, S + 1, nx)
@@ -39,28 +39,28 @@ class _Buffers:
 
 @dataclass(frozen=True, slots=True)
 class _Lead:
-    """The L steps that all samples share, perhaps none, and what the next one begins with."""
+    """The L first steps, which are the same for all samples (L may be 0), and the start of the next step."""
 
     states: Array  # x₁ … x_L, (L, nx)
-    end: Array  # time and state, (1 + nx,), or (n, 1 + nx) if samples start in states of their own
-    warm: Array  # the accelerations that the contact solver starts from, (nv,)
+    end: Array  # time and state, (1 + nx,), or (n, 1 + nx) if samples have different initial states
+    warm: Array  # accelerations that the contact solver starts from, (nv,)
 
 
 class NativeEngine(Engine):
-    """Simulates samples side by side in threads, by ``mujoco.rollout``.
+    """Simulates samples in parallel on threads, by ``mujoco.rollout``.
 
-    Memory is kept per size of rollout: a second call of the same size allocates nothing. The GIL is released while
-    MuJoCo works. Equal calls give equal states, whatever ran before and however many threads there are.
+    Memory is kept for each size of roll-out: a second call of the same size allocates no memory. The GIL is released
+    during the simulation. The result depends only on the arguments, not on earlier calls or the number of threads.
 
-    Steps that all samples share, because they start in one state and their first controls are the same, are simulated
-    once; the states are those of simulating them for each, to the last bit.
+    If all samples have the same initial state and the same first controls, the steps with these controls are simulated
+    once. The states are the same, bit by bit, as with a separate simulation for each sample.
 
     Args:
-        model: what to simulate. A sample's control is held over the model's substeps.
-        threads: number of threads, default one per available core; 0 works on the calling thread.
-        warm_start: whether MuJoCo's contact solver starts from the last step's solution, as the model has it unless
-            given. A rollout's first step never does.
-        chunk: samples that a thread takes at a time, default a sixteenth of its share.
+        model: model to simulate. A sample's control is constant over the model's substeps.
+        threads: number of threads, by default one per available core; 0 uses the calling thread.
+        warm_start: whether MuJoCo's contact solver starts from the last step's solution; as in the model by default.
+            The first step of a roll-out never does.
+        chunk: number of samples that a thread simulates at a time; by default a sixteenth of its share.
     """
 
     name = "native"
@@ -79,8 +79,8 @@ class NativeEngine(Engine):
         super().__init__(self._model.nq, self._model.nv, self._model.nu)
         self._data = [mujoco.MjData(self._model) for _ in range(max(self.threads, 1))]
         self._pool: Any = Rollout(nthread=self.threads)
-        self._alone = Rollout(nthread=0)  # works on the calling thread
-        no_time()  # compiled now, rather than in the first rollout
+        self._alone = Rollout(nthread=0)  # uses the calling thread
+        no_time()  # compiles its library now, not in the first roll-out
         self._buffers: dict[tuple[int, int, int], _Buffers] = {}
 
     def _simulate(self, x0: Array, controls: Array) -> Rollouts:
@@ -103,14 +103,14 @@ class NativeEngine(Engine):
                 chunk_size=self._chunk or max(1, n // (CHUNKS_PER_THREAD * max(self.threads, 1))),
             )
         memory.states[:, 0], memory.states[:, 1 : first + 1] = x0, lead.states
-        return Rollouts(memory.states, self._mend(memory, controls, first))
+        return Rollouts(memory.states, self._finish_states(memory, controls, first))
 
     def _release(self) -> None:
         self._pool.close()
         self._buffers.clear()
 
     def _lead(self, x0: Array, controls: Array) -> _Lead:
-        """Return the steps that all samples share, none if something is wrong in them: then each fails by itself."""
+        """Return the first steps that are the same for all samples; none if they fail, so that each sample fails."""
         nx, dt = self.nq + self.nv, self._model.opt.timestep
         start = np.zeros((*x0.shape[:-1], 1 + nx))
         start[..., 1:] = x0
@@ -130,7 +130,7 @@ class NativeEngine(Engine):
         return _Lead(path[0, self.substeps - 1 :: self.substeps, 1:], path[0, -1], data.qacc_warmstart.copy())
 
     def _held(self, memory: _Buffers, controls: Array, first: int) -> Array:
-        """Return the control of every step of the simulator after the first that are shared."""
+        """Return the control of every step of the simulator after the shared first steps."""
         if memory.held is None:
             return np.ascontiguousarray(controls)
         n, steps = len(controls), controls.shape[1] - first
@@ -151,10 +151,10 @@ class NativeEngine(Engine):
             )
         return self._buffers[n, steps, first]
 
-    def _mend(self, memory: _Buffers, controls: Array, first: int) -> NDArray[np.bool_]:
-        """Take over the states, let failed samples stand still, and return which failed."""
+    def _finish_states(self, memory: _Buffers, controls: Array, first: int) -> NDArray[np.bool_]:
+        """Copy the simulated states, hold the last good state of failed samples, and return which failed."""
         dt, times = self._model.opt.timestep, memory.simulated[:, :, 0]
-        # MuJoCo's loop stops the clock of a sample at its first warning
+        # after its first warning, MuJoCo's loop no longer advances the time of a sample
         due = (np.arange(1, times.shape[1] + 1) - 0.5 + first * self.substeps) * dt
         suspects = take(memory.simulated, self.substeps, self.nq, float(due[-1]), memory.states[:, first + 1 :])
         suspects |= may_be_bad(memory.states[:, :1], self.nq)
@@ -169,7 +169,7 @@ class NativeEngine(Engine):
 
 
 def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool | None) -> Any:
-    """Return a copy of a compiled model that shows divergence instead of starting over.
+    """Return a copy of a compiled model that does not reset the simulation after a divergence.
 
     Raises:
         ModelError: the model's state is more than (qpos, qvel).
@@ -178,7 +178,7 @@ def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool | None) -> Any:
     if full != 1 + compiled.nq + compiled.nv:
         raise ModelError(
             f"engine: state of the simulated model - got {full - 1} numbers, expected {compiled.nq + compiled.nv}, "
-            "positions and speeds alone; use actuators without activation and no plug-ins"
+            "positions and velocities alone; use actuators without activation and no plug-ins"
         )
     model = copy.copy(compiled)
     bits = mujoco.mjtDisableBit
@@ -191,11 +191,11 @@ def own_copy(mujoco: Any, compiled: Any, *, warm_start: bool | None) -> Any:
 
 @contextmanager
 def quiet(mujoco: Any) -> Iterator[None]:
-    """Keep MuJoCo from what it does beside stepping.
+    """Disable MuJoCo's warnings and its time measurement within the context.
 
-    It prints a line and writes a log file per diverged sample: the engine counts them. And it reads the clock thirty
-    times per step, for statistics that nobody sees: a tenth of a small robot's step. Handlers and clocks of others come
-    back.
+    MuJoCo prints a line and writes to a log file for each diverged sample, which the engine counts itself. MuJoCo also
+    reads the clock thirty times per step, for statistics that the engine does not use; this takes a tenth of the time
+    of a small robot's step. At the end, the handlers from before are set again.
     """
     warn, time, idle = mujoco.get_mju_user_warning(), mujoco.get_mjcb_time(), no_time()
     mujoco.set_mju_user_warning(_ignore)
@@ -204,11 +204,11 @@ def quiet(mujoco: Any) -> Iterator[None]:
     try:
         yield
     finally:
-        # of two rollouts at once the later began when these were set already
+        # with two roll-outs at a time, the later one found the functions of this context already set
         mujoco.set_mju_user_warning(None if warn is _ignore else warn)
         if time is None or time is idle:
-            mujoco.set_mjcb_time(None)  # MuJoCo's own
+            mujoco.set_mjcb_time(None)  # MuJoCo's default
 
 
 def _ignore(message: str) -> None:
-    """Drop a message."""
+    """Ignore a message."""

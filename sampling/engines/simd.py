@@ -38,35 +38,37 @@ from .simd_reader import scene_of
 from .simd_scene import Scene
 from .simd_text import SceneText
 
-# Of states after a few steps. Rounding makes 1e-12, another order of the solver 1e-2. Where the solver goes on until
-# little improves, rounding may decide about the last sweep, 1e-5 in one of a thousand: then of nine in ten samples.
+# Largest relative difference of states after a few steps. Rounding gives 1e-12, another order of the solver's updates
+# gives 1e-2. If the solver stops at a small improvement, rounding can decide whether there is one more sweep, which
+# gives 1e-5 in one of a thousand samples. Then only the best nine of ten samples are compared.
 _AGREEMENT = 1e-7
-_FEW = 4  # iterations
+_FEW = 4  # iterations up to which all samples are compared
 _TRIALS, _TRIAL_STEPS = 32, 3
 _TEMPLATES = ("simulate.c", "simulate.h", "contacts.inc", "constraints.inc", "gauss_seidel.inc", "step.inc")
-_MAKERS = (simd_text, recursions, tree, rotation, simd_code)  # whose code makes the smooth dynamics' C
+_MAKERS = (simd_text, recursions, tree, rotation, simd_code)  # modules that generate the C code of the smooth dynamics
 
 
 class DifferentError(SamplingError):
-    """The SIMD engine does not simulate what the installed MuJoCo does."""
+    """The SIMD engine's states differ from those of the installed MuJoCo."""
 
 
 class SimdEngine(Engine):
-    """Simulates as many samples at once as a processor's vectors hold, on threads.
+    """Simulates several samples per instruction, as many as fit in a vector of the processor, on threads.
 
-    The step is MuJoCo's for what legged robots need: a floating base with hinges and position or torque actuators,
-    balls that touch planes and boxes, limits of joints, the PGS solver with elliptic cones, Euler's step. States agree
-    with MuJoCo's to rounding, which a new engine looks at before it is used: MuJoCo's solver changes with its versions.
-    Anything else is refused. The C is made from the compiled model's numbers, once, and kept in the cache.
+    The engine computes MuJoCo's step for the parts that legged robots need: a floating base with hinges, position or
+    torque actuators, balls in contact with planes and boxes, limits of joints, the PGS solver with elliptic cones, and
+    Euler's integrator. A model with other parts raises an error. States agree with MuJoCo's up to rounding. Each new
+    engine checks this, because MuJoCo's solver differs between versions. The C code is generated once from the numbers
+    of the compiled model, and its library is kept in the cache.
 
     Args:
-        model: what to simulate. A sample's control is held over the model's substeps.
-        threads: number of threads, default one per available core.
-        warm_start: whether the contact solver starts from the last step's solution, as the model has it unless given.
-        width: samples per instruction, 1, 2, 4 or 8; what suits this processor by default.
+        model: model to simulate. A sample's control is constant over the model's substeps.
+        threads: number of threads, by default one per available core.
+        warm_start: whether the contact solver starts from the last step's solution; as in the model by default.
+        width: samples per instruction, 1, 2, 4 or 8; by default the number that suits this processor.
 
     Raises:
-        SamplingError: the model has something that is not simulated, or there is no C compiler.
+        SamplingError: the model has a part that the engine does not support, or there is no C compiler.
         DifferentError: states differ from those of the installed MuJoCo.
     """
 
@@ -115,16 +117,16 @@ class SimdEngine(Engine):
 
         parts = enumerate(shares(n, self._width, self.threads))
         run_in_parallel(run, [(thread, *part) for thread, part in parts if part[0] < part[1]], self._pool)
-        return Rollouts(states, self._mend(states, controls))
+        return Rollouts(states, self._replace_failed(states, controls))
 
     def _release(self) -> None:
         self._pool.shutdown()
         self._states.clear()
 
     def _compare(self, model: Simulated, scene: Scene, warm_start: bool | None) -> None:
-        """Raise DifferentError if MuJoCo goes elsewhere from random states about the grounds."""
+        """Raise DifferentError if MuJoCo's states differ in roll-outs from random states near the grounds."""
         with NativeEngine(model, threads=0, warm_start=warm_start) as native:
-            states, controls = _about_the_grounds(model.compiled(), scene)
+            states, controls = _states_in_contact(model.compiled(), scene)
             want = native.rollout(states, controls)
             got = self.rollout(states, controls)
             both = ~(want.failed | got.failed)
@@ -137,11 +139,11 @@ class SimdEngine(Engine):
             raise DifferentError(
                 f"simd engine: states differ from those of MuJoCo {import_mujoco().__version__} - got {worst:.1e} of "
                 f"their size with {int(np.sum(both))} of {_TRIALS} trials finite, expected less than {_AGREEMENT:g}; "
-                'choose engine="native", and tell us'
+                'choose engine="native", and report this to the developers'
             )
 
-    def _mend(self, states: Array, controls: Array) -> NDArray[np.bool_]:
-        """Let failed samples stand still, and return which failed."""
+    def _replace_failed(self, states: Array, controls: Array) -> NDArray[np.bool_]:
+        """Replace the states of failed samples with the last good ones, and return which failed."""
         suspects = may_be_bad(states, self.nq) | ~np.isfinite(np.einsum("nsi->n", controls))
         failed = np.zeros(len(controls), dtype=bool)
         if samples := np.flatnonzero(suspects).tolist():
@@ -151,29 +153,29 @@ class SimdEngine(Engine):
 
 
 def _library(text: SceneText, width: int | None) -> tuple[ct.CDLL, int]:
-    """Return the library of a scene, and how many samples an instruction of it takes."""
+    """Return the compiled library of a scene, and the number of samples per instruction."""
     folder = files(__package__).joinpath("template")
     templates = {name: folder.joinpath(name).read_text(encoding="utf-8") for name in _TEMPLATES}
 
-    def texts() -> Sources:
+    def sources() -> Sources:
         made = generate({"smooth": text.smooth})
         units = [*((unit.name, unit.text) for unit in made.units), ("simulate", templates["simulate.c"])]
         includes = {name: template for name, template in templates.items() if name != "simulate.c"}
         return Sources(units, {**made.headers, **includes, "scene.h": text.header}, {"simulate": SOLVER_FLAGS})
 
-    # Sources that are short, and what the long one follows from. If a module is missing here, a library that is older
-    # than its change is found when it is compared with MuJoCo.
+    # The cache key uses the short sources, and the modules and numbers that determine the long source. If a module is
+    # missing here, the comparison with MuJoCo finds a library that is older than a change of this module.
     makers = [Path(module.__file__ or "").read_text(encoding="utf-8") for module in _MAKERS]
     parts = [part for entry in templates.items() for part in entry]
     parts += [text.header, text.numbers, *SOLVER_FLAGS, cs.CasadiMeta.version(), simd_code.SIMD_H, *makers]
-    built = build(LazySources(parts, texts), width=width, label="SIMD roll-outs")
+    built = build(LazySources(parts, sources), width=width, label="SIMD roll-outs")
     loaded = load(built)
     loaded.piaffe_simulate.restype, loaded.piaffe_simulate_memory.restype = None, ct.c_long
     return loaded, built.width
 
 
-def _about_the_grounds(model: Any, scene: Scene) -> tuple[Array, Array]:
-    """Return random states, (n, nx), in each of which a random ball is up to 2 cm in a random ground, and controls."""
+def _states_in_contact(model: Any, scene: Scene) -> tuple[Array, Array]:
+    """Return random states (n, nx), each with a random ball up to 2 cm deep in a random ground, and controls."""
     mujoco, random = import_mujoco(), np.random.default_rng(0)
     data = mujoco.MjData(model)
     states = np.zeros((_TRIALS, model.nq + model.nv))

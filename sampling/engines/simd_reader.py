@@ -1,4 +1,4 @@
-"""A MuJoCo model of a legged robot as the SIMD engine takes it, or a sentence on what it does not take."""
+"""Conversion of a MuJoCo model for the SIMD engine, with errors for what the engine does not support."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EPSILON = 1e-15  # MuJoCo's mjMINVAL
 _LEAST_FRICTION = 1e-5  # MuJoCo's mjMINMU
 _MOST_GROUPS = 300  # contacts and limits; tables and memory grow with their square
 _MOST_ORDERS = 2_000_000  # entries of the solver's table of orders
-# What has to be zero; older versions of MuJoCo have not all of them.
+# Arrays that must be zero; older versions of MuJoCo lack some of them.
 _NEUTRAL = (
     "body_gravcomp", "actuator_armature", "actuator_damping", "dof_dampingpoly", "jnt_stiffnesspoly", "geom_surfacevel",
     "geom_adhesion", "pair_adhesion", "pair_margin", "pair_gap", "pair_solreffriction", "jnt_actfrclimited",
@@ -28,10 +28,10 @@ _NEUTRAL = (
 
 
 def scene_of(model: Any) -> Scene:
-    """Read a ``mujoco.MjModel``.
+    """Return the scene of a ``mujoco.MjModel``.
 
     Raises:
-        SamplingError: it has something that the engine does not simulate.
+        SamplingError: the model has a part that the engine does not support.
     """
     mujoco = import_mujoco()
     _check_options(mujoco, model)
@@ -118,7 +118,7 @@ def _check_parts(mujoco: Any, model: Any) -> None:
     ):
         raise _refuse("joints", f"{model.njnt} of {model.nbody - 1} bodies", "a free base, then one hinge per body")
     if hinges < 1 or np.any(model.body_parentid[2:] < 1):
-        raise _refuse("bodies", "one that hangs on the world, or the base alone", "hinges on the base's tree")
+        raise _refuse("bodies", "one attached to the world, or the base alone", "hinges on the base's tree")
     if np.any(model.qpos0[7:]) or np.any(model.dof_armature[:6]):
         raise _refuse("angles of reference, or inertia of rotors at the base", "some", "none")
     for name in _NEUTRAL:
@@ -197,7 +197,7 @@ def _limit(model: Any, i: int) -> Limit:
 
 
 def _soft(model: Any, solref: Array, solimp: Array, inverse_mass: float) -> Soft:
-    """Return softness as MuJoCo's makeImpedance has it."""
+    """Return the softness of a constraint, as in MuJoCo's makeImpedance."""
     time, ratio = solref
     if (time > 0) != (ratio > 0):
         raise _refuse("solref", solref.tolist(), "a time constant and a damping ratio, or both negative")

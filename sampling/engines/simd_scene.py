@@ -1,4 +1,4 @@
-"""A legged robot and its ground in numbers, as the SIMD engine simulates them."""
+"""The numbers of a legged robot and its ground that the SIMD engine uses."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Soft:
-    """How hard a constraint is: MuJoCo's stiffness and damping of the reference, and its impedance.
+    """Softness of a constraint: stiffness and damping of MuJoCo's reference acceleration, and the impedance.
 
     Args:
         stiffness: K of the reference acceleration −B v − K d r [1/s²].
         damping: B [1/s].
-        impedance: d at the surface, d deep below, the width [m or rad], midpoint and power.
+        impedance: d at distance zero, d at the full width, the width [m or rad], midpoint and power.
         inverse_mass: MuJoCo's estimate of the diagonal of J M⁻¹ Jᵀ [1/kg, or 1/(kg m²)].
     """
 
@@ -34,10 +34,10 @@ class Limit:
     """Limits of a joint's angle.
 
     Args:
-        joint: 0, 1, …
+        joint: index of the joint, 0, 1, …
         lower: [rad].
         upper: [rad].
-        soft: how hard they are.
+        soft: softness of the limits.
     """
 
     joint: int
@@ -51,9 +51,9 @@ class Ground:
     """A geom of the world: the plane z = 0 of its frame, or a box.
 
     Args:
-        place: of its frame, (3,) [m].
+        place: position of its frame, (3,) [m].
         axes: orientation of its frame, (3, 3).
-        half: halves of a box's edges, (3,) [m]; None for a plane.
+        half: half lengths of a box's edges, (3,) [m]; None for a plane.
     """
 
     place: Array
@@ -63,13 +63,13 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A ball of the robot that may touch a ground.
+    """A pair of a ball of the robot and a ground that can be in contact.
 
     Args:
         ball: index of the ball.
         ground: index of the ground.
         friction: coefficients along the two tangents.
-        soft: how hard it is.
+        soft: softness of the contact.
     """
 
     ball: int
@@ -80,24 +80,24 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A floating base with hinges, whose balls touch planes and boxes.
+    """A floating base with hinges, and balls that can be in contact with planes and boxes.
 
     Args:
-        tree: of links and hinges.
+        tree: tree of links and hinges.
         armature: reflected inertia of every hinge, (n,) [kg m²].
         gravity: (3,) [m/s²].
-        gain: of the actuators' controls, (n,).
-        bias: of the actuators: constant, by angle, by speed, (n, 3).
-        force_range: of the actuators' forces, infinite where there is none, (n, 2).
+        gain: gain of each actuator, (n,).
+        bias: bias of each actuator: constant, times the angle, times the velocity, (n, 3).
+        force_range: limits of the actuators' forces, infinite without limits, (n, 2).
         balls: link and centre of every ball.
-        radii: of the balls, (nb,) [m].
-        grounds: what they may touch.
-        contacts: pairs that may touch, in MuJoCo's order.
-        limits: of joints, in MuJoCo's order.
-        impratio: inverse ratio of friction's softness to the normal's.
-        iterations: of PGS at most.
-        enough: improvement below which PGS ends, in units of the cost.
-        warm_start: begin from the accelerations of the step before.
+        radii: radii of the balls, (nb,) [m].
+        grounds: planes and boxes of the world.
+        contacts: pairs of a ball and a ground, in MuJoCo's order.
+        limits: limits of joints, in MuJoCo's order.
+        impratio: ratio of the impedance of friction to that of the normal.
+        iterations: largest number of iterations of PGS.
+        enough: improvement of the cost below which PGS ends.
+        warm_start: whether PGS starts from the accelerations of the step before.
         timestep: [s].
     """
 

@@ -1,4 +1,4 @@
-"""A scene as C: the smooth dynamics as an expression, the rest as tables that the template is compiled with."""
+"""The C code of a scene: the smooth dynamics as an expression, and tables for the template ``simulate.c``."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _FREE = 6  # degrees of freedom of the base
 
 
 class SceneText:
-    """What the template ``simulate.c`` needs of a scene.
+    """The expression and the tables of a scene for the template ``simulate.c``.
 
-    The *chain* of a degree of freedom are those that move what hangs on it: itself and those before it, the base's six
-    first. The factors of M = Lᵀ D L have their nonzeros there, row by row.
+    The *chain* of a degree of freedom are the degrees of freedom that move its link: the six of the base first, then
+    those of the hinges from the base to this one. Each row of the factor L of M = Lᵀ D L has its nonzeros in the chain.
 
     Args:
         scene: the scene.
@@ -42,10 +42,10 @@ class SceneText:
 
     @cached_property
     def smooth(self) -> cs.Function:
-        """(q, v, u) → strict rows of L and 1/D, smooth accelerations, centres of the balls and how they move.
+        """(q, v, u) → strict rows of L, 1/D, smooth accelerations, and the centres of the balls and their Jacobians.
 
-        Of every ball and every entry of its chain after the third, ``moves`` has the velocity of its centre and its
-        angular velocity in world axes, (6,).
+        ``moves`` contains, for every ball and every entry of its chain after the third, the velocity of the ball's
+        centre and its angular velocity per unit velocity of that entry, in world axes, (6,).
         """
         scene, tree, nv = self.scene, self.scene.tree, self.nv
         q, v, u = cs.SX.sym("q", nv + 1), cs.SX.sym("v", nv), cs.SX.sym("u", nv - _FREE)
@@ -70,7 +70,7 @@ class SceneText:
 
     @property
     def numbers(self) -> str:
-        """All numbers that :attr:`smooth` has in it, to the last digit."""
+        """All numbers in :attr:`smooth`, with all digits."""
         scene, tree = self.scene, self.scene.tree
         arrays = [
             tree.rotations, tree.offsets, tree.axes, tree.mass, tree.com, tree.inertia, scene.armature, scene.gravity,
@@ -117,7 +117,7 @@ class SceneText:
         return "\n".join(lines) + "\n"
 
     def _factors(self, M: cs.SX) -> tuple[list[list[cs.SX]], list[cs.SX]]:
-        """Return the strict rows of L over their chains, and 1/D, of M = Lᵀ D L."""
+        """Return the strict rows of L, each over its chain, and 1/D, with M = Lᵀ D L."""
         rows = [[M[i, j] for j in chain] for i, chain in enumerate(self.chains)]
         inverse = [cs.SX(0)] * self.nv
         for i in reversed(range(self.nv)):
@@ -142,7 +142,7 @@ class SceneText:
         return cs.vertcat(*x)
 
     def _moves(self, motion: Recursion, link: int, centre: cs.SX) -> list[cs.SX]:
-        """Return how a point and its link move with each entry of the chain after the third, (6,) each."""
+        """Return the velocity of a point and of its link's rotation for each chain entry after the third, (6,) each."""
         tree, turned, place = motion.tree, motion.attitude, motion.position
         moves = [cs.vertcat(cs.cross(turned[:, k], centre - place), turned[:, k]) for k in range(3)]
         for i in reversed(tree.path(link)):
@@ -172,7 +172,7 @@ def orders(most: int, rounds: int) -> list[list[int]]:
 
 
 def _common(a: Sequence[int], b: Sequence[int]) -> int:
-    """Return how many first entries two chains share."""
+    """Return how many first entries of two chains are equal."""
     return sum(1 for x, y in zip(a, b, strict=False) if x == y)
 
 
@@ -193,7 +193,7 @@ def _braced(values: Iterable[float]) -> str:
 
 
 def _table(kind: str, name: str, values: Sequence[object] | Array) -> str:
-    """Return a constant array of one or two axes; at least one long, as C wants it."""
+    """Return a constant array of one or two axes, with at least one entry, as C requires."""
     rows = np.asarray(values if len(values) else [0])
     shape = "".join(f"[{size}]" for size in rows.shape)
     text = str if kind == "int" else _number

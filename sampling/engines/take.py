@@ -1,4 +1,4 @@
-"""What MuJoCo's loop wrote, taken over as states; in C where a compiler works, else in NumPy."""
+"""Copies the results of MuJoCo's loop into arrays of states; in C if a compiler works, else in NumPy."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from .engine import MAX_SPEED, Array, may_be_bad
 
 
 def take(simulated: Array, every: int, nq: int, due: float, states: Array) -> NDArray[np.bool_]:
-    """Copy every n-th state that was simulated, and return the samples to look at, (n,): all bad ones, perhaps others.
+    """Copy one in ``every`` simulated states; return the samples to check, (n,): all bad ones, and possibly others.
 
     Args:
         simulated: (time, x) after each step of the simulator, (n, S · every, 1 + nx), contiguous.
         every: steps of the simulator per state.
-        nq: number of positions in x; what follows are speeds.
-        due: a time that every sample passes unless it was stopped [s].
-        states: where to, (n, S, nx); each sample's contiguous.
+        nq: number of positions in x, which are before the velocities.
+        due: a time that the last time of every sample exceeds, unless the simulator stopped [s].
+        states: destination, (n, S, nx); contiguous for each sample.
     """
     library = _library()
     if library is None:
@@ -48,6 +48,6 @@ def _library() -> ct.CDLL | None:
 
 @lru_cache(maxsize=1)
 def no_time() -> Any:
-    """Return a C function that MuJoCo may ask for the time at no cost, always zero; None without a compiler."""
+    """Return a C function that MuJoCo can call instead of its clock and that returns 0; None without a compiler."""
     library = _library()
     return None if library is None else ct.CFUNCTYPE(ct.c_double)(("piaffe_no_time", library))

@@ -1,11 +1,11 @@
-"""Evaluators: a mode's cost and violations over samples and steps, on one of several engines, which agree.
+"""Evaluators: compute a mode's cost and violations over samples and steps, on one of several equivalent engines.
 
 ==========  ===========================================================  =======================
 engine      how                                                          needs
 ==========  ===========================================================  =======================
 ``native``  C with SIMD over samples, on threads                         a C compiler
 ``numpy``   the instruction list on NumPy arrays                         nothing
-``vm``      CasADi's virtual machine, sample after sample                nothing
+``vm``      CasADi's virtual machine, one sample after another           nothing
 ``jax``     the instruction list on JAX arrays, also within ``jit``      ``piaffe[sampling]``
 ==========  ===========================================================  =======================
 """
@@ -41,46 +41,46 @@ def evaluator(mode: LoweredMode, engine: EngineName = "native", *, threads: int 
 
     Args:
         mode: the lowered mode.
-        engine: ``"native"``, ``"numpy"``, ``"vm"`` or ``"jax"``; native becomes numpy, with one warning, where no
-            compiler works.
-        threads: of the native engine, at least 1; one per core by default.
+        engine: ``"native"``, ``"numpy"``, ``"vm"`` or ``"jax"``; without a working compiler, ``"native"`` is replaced
+            by ``"numpy"``, with one warning.
+        threads: number of threads of the native engine, at least 1; one per core by default.
 
     Raises:
         SamplingError: the engine is unknown, or JAX is not installed.
-        ModelError: an operation of the mode has no form on this engine.
+        ModelError: this engine does not support an operation of the mode.
     """
     own = scoring(mode)
     functions = {"stage": own.stage, "terminal": own.terminal}
     label = f"{mode.model.name}, scoring"
-    used, made = _on_engine(functions, engine, label, by_row=True, threads=threads)
+    used, made = _functions_on(functions, engine, label, by_row=True, threads=threads)
     return Evaluator(own, used, made["stage"], made["terminal"])
 
 
 def rows(function: cs.Function, engine: EngineName = "native", *, threads: int | None = None) -> Rows:
-    """Return the rows of any function of a node over samples and steps, such as the inputs of a value function.
+    """Return an evaluator of a function of a node over samples and steps, such as the inputs of a value function.
 
     Args:
-        function: of columns named among x, u, z and p, with a column as its output.
+        function: function of columns with names among x, u, z and p, with a column as its output.
         engine: as in :func:`evaluator`.
-        threads: of the native engine, at least 1; one per core by default.
+        threads: number of threads of the native engine, at least 1; one per core by default.
 
     Raises:
-        ShapeError: the function is not one of a node.
+        ShapeError: the inputs or the output of the function are others.
         SamplingError: the engine is unknown, or JAX is not installed.
-        ModelError: an operation of the function has no form on this engine.
+        ModelError: this engine does not support an operation of the function.
     """
     rows_inputs(function)
     inputs = [cs.SX.sym(name, function.size1_in(i)) for i, name in enumerate(function.name_in())]
     output = cs.densify(function.call(inputs)[0])
     dense = cs.Function(function.name(), inputs, [output], function.name_in(), ["rows"], {"cse": True})
-    used, made = _on_engine({"rows": dense}, engine, f"{function.name()}, rows", by_row=False, threads=threads)
+    used, made = _functions_on({"rows": dense}, engine, f"{function.name()}, rows", by_row=False, threads=threads)
     return Rows(used, made["rows"])
 
 
-def _on_engine(
+def _functions_on(
     functions: Mapping[str, cs.Function], engine: str, label: str, *, by_row: bool, threads: int | None
 ) -> tuple[str, dict[str, BatchFunction]]:
-    """Return the engine that is used, and each function on it, by name."""
+    """Return the name of the engine that is used, and each function on this engine, by name."""
     if engine not in get_args(EngineName):
         known = " or ".join(f"'{name}'" for name in get_args(EngineName))
         raise SamplingError(f"evaluator: engine is unknown - got {engine!r}, expected {known}; choose one")

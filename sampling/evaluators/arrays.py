@@ -1,4 +1,4 @@
-"""Functions on NumPy arrays: each operation on all samples at once; what there is without a compiler."""
+"""Functions on NumPy arrays: each operation on all samples at once. This engine needs no compiler."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .batch_function import PER_SAMPLE, BatchFunction
 
 Array = NDArray[np.float64]
 
-_POINTS = 8192  # at a time: so many doubles of some operations stay in the cache
+_POINTS = 8192  # samples times steps per pass: the arrays of some operations fit in the processor's cache
 
 
 class ArrayFunction(BatchFunction):
-    """A function's instructions on NumPy arrays."""
+    """The instructions of a function on NumPy arrays."""
 
     def __init__(self, function: cs.Function, *, by_row: bool) -> None:
         super().__init__(function, by_row=by_row)

@@ -1,4 +1,4 @@
-"""What an engine does: one function of many samples at many steps."""
+"""The interface of an engine: one function of many samples at many steps."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import casadi as cs
 import numpy as np
 
 PER_SAMPLE = ("x", "u", "z")
-"""Names of inputs that differ between samples; all others are of the step alone."""
+"""Names of inputs that differ between samples; all other inputs only depend on the step."""
 
 
 class BatchFunction(ABC):
     """A function y = f(x, u, z, p, ...) evaluated over n samples and S steps.
 
-    Not reentrant: results of an engine other than JAX are kept and overwritten by the next call for as many samples
-    and steps.
+    Only one thread may call it at a time: except with JAX, the next call with the same numbers of samples and steps
+    overwrites the results.
 
     Args:
         function: a function of dense columns with dense outputs.
-        by_row: whether the rows of an output come first, (m, n, S), or last, (n, S, m). Either way what comes first is
-            contiguous.
+        by_row: whether the rows of an output are the first axis, (m, n, S), or the last one, (n, S, m). With
+            the native engine, the first axis is the outermost one in memory in both cases.
     """
 
     def __init__(self, function: cs.Function, *, by_row: bool) -> None:
@@ -32,7 +32,7 @@ class BatchFunction(ABC):
 
     @staticmethod
     def array(value: Any) -> Any:
-        """Return what a user gave as an array of this engine."""
+        """Return a user's value as an array of this engine."""
         return np.asarray(value, dtype=float)
 
     @abstractmethod
@@ -40,7 +40,7 @@ class BatchFunction(ABC):
         """Return the outputs.
 
         Args:
-            arguments: in the function's order (n, S, size) for x, u and z, (S, size) for others; of any strides.
+            arguments: in the function's order, (n, S, size) for x, u and z, (S, size) for others; any strides.
             n: number of samples.
             steps: S.
         """

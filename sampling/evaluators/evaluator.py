@@ -1,4 +1,4 @@
-"""Evaluators: cost and violations of a mode over samples and steps, and rows of any function, on one engine."""
+"""Evaluators of the cost and violations of a mode, and of any function of a node, over samples and steps."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .scoring import Scoring
 class Evaluator:
     """Cost and violations of a lowered mode over n samples and S steps.
 
-    What an engine other than JAX returns is overwritten by the next call for as many samples and steps; copy what is to
-    be kept. States may be views with strides, such as ``rolled[:, :-1]``; they are not copied.
+    Except with JAX, the next call with the same numbers of samples and steps overwrites the results; copy them to keep
+    them. States may be views with strides, such as ``rolled[:, :-1]``; they are not copied.
 
     Args:
-        scoring: the functions.
-        engine: the engine's name.
+        scoring: the functions of the mode.
+        engine: name of the engine.
         stage: cost and violation of a stage.
-        terminal: those of the last node.
+        terminal: cost and violation of the last node.
     """
 
     def __init__(self, scoring: Scoring, engine: str, stage: BatchFunction, terminal: BatchFunction) -> None:
@@ -43,7 +43,7 @@ class Evaluator:
     def stage(
         self, states: Any, controls: Any, p: Any, weight: Any, g_mask: Any, h_mask: Any, z: Any = None
     ) -> tuple[Any, Any]:
-        """Return running cost (n, S), a rate, and violation (nc, n, S), over the row's scale.
+        """Return running cost (n, S), per unit of time, and violation (nc, n, S), divided by the row's scale.
 
         Args:
             states: x (n, S, nx).
@@ -52,10 +52,10 @@ class Evaluator:
             weight: residual weights (S, nr).
             g_mask: 0 or 1 per inequality (S, ng).
             h_mask: 0 or 1 per equality (S, nh).
-            z: implicit variables (n, S, nz); none for a model that has none.
+            z: implicit variables (n, S, nz); None for a model without them.
 
         Raises:
-            ShapeError: an array does not fit.
+            ShapeError: an array has the wrong shape.
         """
         given = {"x": states, "u": controls, "p": p, "weight": weight, "g_mask": g_mask, "h_mask": h_mask, "z": z}
         (cost, violation) = _evaluate(self._stage, f"evaluator of '{self.mode.model.name}', stage", given)
@@ -72,7 +72,7 @@ class Evaluator:
             h_mask: 0 or 1 per equality (nh_end,).
 
         Raises:
-            ShapeError: an array does not fit.
+            ShapeError: an array has the wrong shape.
         """
         where = f"evaluator of '{self.mode.model.name}', terminal"
         given = {"x": states, "p": p, "weight": weight, "g_mask": g_mask, "h_mask": h_mask}
@@ -81,18 +81,18 @@ class Evaluator:
 
 
 class Rows:
-    """A function of a node's x, u, z and p, over n samples and S steps.
+    """An evaluator of a function of a node's x, u, z and p, over n samples and S steps.
 
     Args:
-        engine: the engine's name.
-        function: what is evaluated.
+        engine: name of the engine.
+        function: the function.
     """
 
     def __init__(self, engine: str, function: BatchFunction) -> None:
         self.engine, self._function = engine, function
 
     def __call__(self, states: Any = None, controls: Any = None, p: Any = None, z: Any = None) -> Any:
-        """Return the rows of the function's first output, (n, S, m); overwritten by the next call, as in an evaluator.
+        """Return the rows of the function's first output, (n, S, m); the next call overwrites them, as in Evaluator.
 
         Args:
             states: x (n, S, nx).
@@ -101,29 +101,29 @@ class Rows:
             z: implicit variables (n, S, nz).
 
         Raises:
-            ShapeError: an array does not fit, or one that the function reads is missing.
+            ShapeError: an array has the wrong shape, or an array that the function needs is missing.
         """
         where = f"rows of '{self._function.function.name()}'"
         return _evaluate(self._function, where, {"x": states, "u": controls, "p": p, "z": z})[0]
 
 
 def rows_inputs(function: cs.Function) -> None:
-    """Raise unless a function is one of a node.
+    """Check that a function is a function of a node.
 
     Raises:
-        ShapeError: an input is not named x, u, z or p, or is no column.
+        ShapeError: the name of an input is not x, u, z or p, or an input or the output is not a column.
     """
-    odd = [name for name in function.name_in() if name not in ("x", "u", "z", "p")]
-    flat = [name for i, name in enumerate(function.name_in()) if function.size2_in(i) != 1]
-    if odd or flat or function.n_out() < 1 or function.size2_out(0) != 1:
+    unknown = [name for name in function.name_in() if name not in ("x", "u", "z", "p")]
+    not_columns = [name for i, name in enumerate(function.name_in()) if function.size2_in(i) != 1]
+    if unknown or not_columns or function.n_out() < 1 or function.size2_out(0) != 1:
         raise ShapeError(
             f"rows of '{function.name()}': not a function of a node - got {function}, expected columns named among x, "
-            "u, z and p, and a column; name and shape them so"
+            "u, z and p, and a column; change their names and shapes"
         )
 
 
 def _evaluate(function: BatchFunction, where: str, given: Mapping[str, Any], *, is_end: bool = False) -> list[Any]:
-    """Check shapes and evaluate; arrays of a last node lack the axis of steps."""
+    """Check shapes and evaluate; arrays of the last node have no axis of steps."""
     arguments, n, steps = [], None, None
     arrays = {
         name: function.array(given[name]) for name, size in function.inputs if size and given.get(name) is not None
@@ -143,12 +143,12 @@ def _evaluate(function: BatchFunction, where: str, given: Mapping[str, Any], *, 
             continue
         got = arrays[name].shape if name in arrays else None
         if got != shape:
-            advice = "p, weights and masks have a row per step, all else one per sample and step" if got else "pass it"
+            advice = "p, weights and masks need one row per step, others one per sample and step" if got else "pass it"
             raise ShapeError(
-                f"{where}: {_SPOKEN.get(name, name)} does not fit - got {got or 'none'}, expected {shape}; {advice}"
+                f"{where}: {_LONG_NAMES.get(name, name)} does not fit - got {got or 'none'}, expected {shape}; {advice}"
             )
         arguments.append(arrays[name])
     return function(arguments, n, steps)
 
 
-_SPOKEN = {"x": "states", "u": "controls"}
+_LONG_NAMES = {"x": "states", "u": "controls"}

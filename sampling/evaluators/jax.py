@@ -1,4 +1,4 @@
-"""Functions on JAX arrays, compiled by XLA for a processor or a GPU; may be called within ``jit``."""
+"""Functions on JAX arrays, compiled by XLA for a CPU or a GPU; they can be called within ``jit``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .batch_function import PER_SAMPLE, BatchFunction
 
 
 class JaxFunction(BatchFunction):
-    """A function's instructions on JAX arrays, in the precision of its arguments.
+    """The instructions of a function on JAX arrays, in the precision of its arguments.
 
     Raises:
         SamplingError: JAX is not installed.
@@ -42,7 +42,7 @@ class JaxFunction(BatchFunction):
         self._evaluate = jax.jit(evaluate, static_argnums=(0, 1))
 
     def array(self, value: Any) -> Any:  # type: ignore[override]
-        """Return an array of JAX, a tracer as it is."""
+        """Return an array of JAX; a tracer is returned unchanged."""
         return self._jnp.asarray(value)
 
     def __call__(self, arguments: Sequence[Any], n: int, steps: int) -> list[Any]:

@@ -23,8 +23,8 @@ _TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(enco
     "run.h", "run.c"
 )}  # fmt: skip
 _DOUBLE = 8  # bytes
-_SHARE = 64  # blocks of samples that are worth a thread: some ten microseconds of work
-_KEPT = 8  # results, of as many numbers of samples and steps
+_SHARE = 64  # least number of blocks of samples per thread: about ten microseconds of work
+_KEPT = 8  # number of sizes (samples, steps) whose results are kept
 
 
 class _Input(ct.Structure):
@@ -41,12 +41,12 @@ class _Output(ct.Structure):
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Functions compiled together.
+    """A compiled library of functions.
 
     Args:
         loaded: the library.
         width: samples per instruction.
-        work: doubles of work per sample and function.
+        work: size of the work array per sample, by function [doubles].
     """
 
     loaded: ct.CDLL
@@ -56,15 +56,15 @@ class Library:
 
 @lru_cache(maxsize=64)
 def library_of(functions: tuple[tuple[str, cs.Function], ...], label: str = "sampling") -> Library:
-    """Return the library of named functions, built or found once per process.
+    """Return the library of named functions, which is built, or found in the cache, once per process.
 
     Args:
         functions: C name and function of each.
-        label: what it is for, to be shown with the cache.
+        label: description for the list of the cache.
 
     Raises:
-        NoCompilerError: no compiler works here.
-        CompileError: the compiler refuses a text.
+        NoCompilerError: no compiler works on this machine.
+        CompileError: the compiler reports an error in a source.
     """
     units = generate(dict(functions))
     runner = ("run", _TEMPLATES["run.c"])
@@ -82,10 +82,10 @@ class NativeFunction(BatchFunction):
 
     Args:
         library: the library.
-        name: of the function in it.
+        name: name of the function in the library.
         function: the function.
         by_row: see :class:`BatchFunction`.
-        threads: how many share the samples.
+        threads: number of threads that the samples are divided among.
     """
 
     def __init__(self, library: Library, name: str, function: cs.Function, *, by_row: bool, threads: int) -> None:
@@ -127,7 +127,7 @@ class NativeFunction(BatchFunction):
         return results
 
     def _parts(self, n: int, steps: int) -> list[tuple[int, int, int]]:
-        """Return thread, first and last sample of each thread's share: whole blocks but for the last."""
+        """Return (thread, first, last) of the samples of each thread: whole blocks, except for the last block."""
         blocks = -(-n // self._width)
         threads = max(1, min(self._threads, blocks, blocks * steps // _SHARE))
         return [(i, first, last) for i, (first, last) in enumerate(shares(n, self._width, threads))]

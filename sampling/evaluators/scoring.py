@@ -1,16 +1,15 @@
-"""Scoring: what one stage of a lowered mode costs and by how much it breaks each constraint, as two functions.
+"""Scoring: the cost of a stage of a lowered mode and the violation of each constraint, as two functions.
 
 ===========  =======================================================  ==============================
 stage        (x, u, z, p, weight, g_mask, h_mask)                     → cost (1), violation (nc,)
 terminal     (x, p, weight, g_mask, h_mask)                           → cost (1), violation (nc_end,)
 ===========  =======================================================  ==============================
 
-The cost is ½ Σ wᵢ rᵢ² over the residual's rows: a rate for a stage, not multiplied by dt. A violation is max(−g, 0) for
-an inequality and |h| for an equality, times the row's mask; both are divided by the row's scale already. Inequalities
-come first. These are the expressions that a solver differentiates, taken from the mode's own functions; nothing is
-declared twice.
+The cost is ½ Σ wᵢ rᵢ² over the residual's rows; for a stage it is per unit of time, not multiplied by dt. A violation
+is max(−g, 0) for an inequality and |h| for an equality, times the row's mask; g and h are already divided by the row's
+scale. Inequalities come first. The expressions are those of the mode's own functions, which solvers differentiate, too.
 
-A state that is not a number gives a cost that is not one; violations count as zero there.
+If a state is NaN, the cost is NaN and violations are zero.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ from piaffe.ocp import Constraint, Cost, LoweredMode, Row
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """The two functions of a mode, and what the rows of their violations are.
+    """The two functions of a mode, and descriptions of the rows of their violations.
 
     Args:
         mode: the lowered mode.
         stage: cost and violation of a stage.
         terminal: cost and violation of the last node.
-        rows: what each row of a stage's violation is, inequalities first.
+        rows: description of each row of a stage's violation, inequalities first.
         end_rows: the same for the last node.
     """
 
@@ -61,7 +60,7 @@ class Scoring:
 
 @lru_cache(maxsize=64)
 def scoring(mode: LoweredMode) -> Scoring:
-    """Return the scoring of a lowered mode; the same object whenever it is asked for the same mode.
+    """Return the scoring of a lowered mode; the same object in every call with the same mode.
 
     Args:
         mode: the lowered mode of any model, with derivatives or without.
@@ -77,7 +76,7 @@ def scoring(mode: LoweredMode) -> Scoring:
 
 
 def _scored(function: cs.Function) -> cs.Function:
-    """Return cost and violation of a function with outputs residual, g and h, whatever else it has."""
+    """Return cost and violation as a function, from one with the outputs residual, g and h."""
     inputs = {name: cs.SX.sym(name, function.size1_in(name)) for name in function.name_in()}
     values = dict(zip(function.name_out(), function.call(list(inputs.values())), strict=True))
     residual, g, h = (values[name] for name in ("residual", "g", "h"))

@@ -1,4 +1,4 @@
-"""Functions in CasADi's virtual machine: no compiler, no other package, and slow; the reference for the others."""
+"""Functions in CasADi's virtual machine: slow, but without a compiler; the reference for the other engines."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .batch_function import PER_SAMPLE, BatchFunction
 
 Array = NDArray[np.float64]
 
-_SHARE = 1024  # samples at a time: the time to map a function grows with their number
+_SHARE = 1024  # samples at a time: the time to map a function increases with their number
 
 
 class VmFunction(BatchFunction):
-    """A function mapped over the samples of a step."""
+    """A function that is mapped over the samples of a step."""
 
     def __call__(self, arguments: Sequence[Array], n: int, steps: int) -> list[Array]:
         """Return the outputs."""
@@ -29,7 +29,7 @@ class VmFunction(BatchFunction):
         return [result.transpose(order) for result in results]
 
     def _part(self, arguments: Sequence[Array], part: slice, steps: int, results: list[Array]) -> None:
-        """Write the outputs of some samples."""
+        """Write the outputs of a range of samples."""
         n = part.stop - part.start
         buffer, run = _mapped(self.function, n)
         flat = [np.zeros(max(1, n * size)) for size in self.sizes]

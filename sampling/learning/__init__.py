@@ -1,4 +1,4 @@
-"""Learning of value functions: data collection, temporal differences, training."""
+"""Learning of value functions: collection of data, learning by temporal differences, and both in one call."""
 
 from .collect import CollectOptions as CollectOptions
 from .options import LearnOptions as LearnOptions

@@ -1,4 +1,4 @@
-"""Checkpoints of a learning run, written by Orbax; the run goes on where it was left."""
+"""Checkpoints of a learning run, written by Orbax. An interrupted run continues from its last checkpoint."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class Checkpoints:
     """A folder of checkpoints of one learning run.
 
     Args:
-        folder: where they are.
-        options: of the run; another run's checkpoints are refused.
-        transitions: what the run learns from; likewise.
+        folder: folder of the checkpoints.
+        options: options of the run; the checkpoints must be of a run with the same.
+        transitions: data of the run; the checkpoints must be of a run with the same.
 
     Raises:
-        SamplingError: the folder holds checkpoints of another run.
+        SamplingError: the folder contains checkpoints of another run.
     """
 
     def __init__(self, folder: str | Path, options: LearnOptions, transitions: Transitions) -> None:
@@ -44,11 +44,11 @@ class Checkpoints:
         )
 
     def restore(self, state: dict[str, Any]) -> tuple[dict[str, Any], list[dict[str, float]]]:
-        """Return the last saved state and curves; those of the start if there are none."""
+        """Return the last saved state and curves; the given state and no curves if nothing is saved."""
         step = self._manager.latest_step()
         if step is None:
             return state, []
-        # Arrays of threefry keys aside, the state is a tree of arrays: shapes and types are all that Orbax needs.
+        # The state is a tree of arrays, so Orbax only needs shapes and types.
         shapes = jax.tree.map(ocp.utils.to_shape_dtype_struct, state)
         kept = self._manager.restore(
             step, args=ocp.args.Composite(state=ocp.args.StandardRestore(shapes), curves=ocp.args.JsonRestore())
@@ -56,14 +56,14 @@ class Checkpoints:
         return kept["state"], kept["curves"]["points"]
 
     def save(self, step: int, state: dict[str, Any], curves: list[dict[str, float]]) -> None:
-        """Save a state, and the curves up to it."""
+        """Save a state and the curves up to this step."""
         self._manager.save(
             step,
             args=ocp.args.Composite(state=ocp.args.StandardSave(state), curves=ocp.args.JsonSave({"points": curves})),
         )
 
     def close(self) -> None:
-        """Wait for what is being written."""
+        """Wait until all checkpoints are written."""
         self._manager.close()
 
 
@@ -78,6 +78,6 @@ def _compare(folder: Path, kept: dict[str, Any], record: dict[str, Any]) -> None
     for name, value in record.items():
         if kept.get(name) != value:
             raise SamplingError(
-                f"checkpoints in {folder}: they are of another run - got '{name}' {value!r}, expected "
+                f"checkpoints in {folder}: are of another run - got '{name}' {value!r}, expected "
                 f"{kept.get(name)!r}; choose another folder or delete this one"
             )

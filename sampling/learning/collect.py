@@ -1,4 +1,4 @@
-"""Collecting transitions: where sampled roll-outs end, the constraint-discounted controller goes on [TD-CD-MPPI]."""
+"""Collection of transitions: the constraint-discounted controller starts where sampled roll-outs end [TD-CD-MPPI]."""
 
 from __future__ import annotations
 
@@ -23,31 +23,32 @@ from .dataset import Dataset, Records
 
 Array = NDArray[np.float64]
 Listener = Callable[[int, int], None]
-"""Called with shards done and shards in all."""
+"""Called with the number of completed shards and the number of all shards."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CollectOptions:
-    """Options of :func:`collect`. What a shard holds follows from these and its number alone.
+    """Options of :func:`collect`. These and the number of a shard determine the content of the shard.
 
     Args:
-        shards: how many in each round.
-        rounds: of collecting and learning. In the first the controller has no value; in the others that of the rounds
-            before: where a planner overrates its value it goes there, and what it finds corrects it.
-        explore_steps: steps of closed loop per shard whose roll-outs are where episodes begin: of ordinary MPPI in the
-            first round, of the controller with the value of the round before in the others.
+        shards: number of shards in each round.
+        rounds: rounds of collection and learning. In the first round the controller has no value; in each later round
+            it has the value of the round before. A planner goes to states whose value is too high, and the data
+            collected there correct the value.
+        explore_steps: closed-loop steps of exploration per shard. Episodes begin at states of the roll-outs of these
+            steps. Ordinary MPPI explores in the first round; in later rounds the controller with the last value does.
         episodes: episodes per shard.
-        episode_steps: of each, unless it falls.
-        horizon: H of the controller that is followed, and of MPPI; long enough to walk, in the first round without a
-            value: one that falls teaches that all states are bad.
-        nearest: an episode begins at a step of a roll-out from this one to H + 1. The paper's begin at H + 1; states
-            nearer make the value good for shorter horizons too.
+        episode_steps: steps of each episode; fewer if the robot falls.
+        horizon: H of the controller in the episodes, and of MPPI. The robot must walk with this horizon, in the first
+            round without a value: if it always falls, the value of all states is low.
+        nearest: an episode begins at a random step of a roll-out, from this step to H + 1. In the paper it is always
+            H + 1; earlier states make the value accurate for shorter horizons, too.
         explore: options of MPPI, in the first round.
-        follow: options of the controller that is followed; γ₀ and the largest discounts are what the value is made for.
-        alone: options of the controller that is followed in the first round, without a value; those of ``follow``
-            unless given. What a violation costs it is a share of the rewards up to its horizon, not of all that come
-            after: the largest discounts that go with a value are too small for it.
-        seed: of everything drawn.
+        follow: options of the controller in the episodes; the value is learnt for its γ₀ and its largest discounts.
+        alone: options of the controller in the episodes of the first round, without a value; those of ``follow`` by
+            default. Without a value, a violation only reduces the rewards up to the horizon, not those after it. So the
+            largest discounts that suit a controller with a value are too small for this one.
+        seed: seed of all random numbers.
     """
 
     shards: int = 50
@@ -82,12 +83,12 @@ class CollectOptions:
         if self.nearest > self.horizon + 1:
             raise SamplingError(
                 f"collecting options: nearest is beyond the horizon - got {self.nearest}, expected at most "
-                f"{self.horizon + 1}; lower it"
+                f"{self.horizon + 1}; reduce it"
             )
 
 
 class Controller(Protocol):
-    """What is asked of a controller."""
+    """The methods of a controller that the collection uses."""
 
     def reset(self, seed: int | None = None) -> None:
         """Forget the last plan."""
@@ -99,16 +100,17 @@ class Controller(Protocol):
 
 @dataclass(frozen=True)
 class Actors:
-    """Who takes part: two controllers, and the world they act in.
+    """The two controllers of the collection, and the simulated robot.
 
     Args:
-        explore: whose roll-outs end where episodes begin.
-        follow: who acts in the episodes.
-        initial: where exploration begins, (nx,).
+        explore: controller of the exploration; episodes begin at states of its roll-outs.
+        follow: controller of the episodes.
+        initial: initial state of the exploration, (nx,).
         dt: time step [s].
-        step: the next state of a state (nx,) and a control (nu,).
-        fallen: which of some states (n, nx) are falls, (n,).
-        score: running costs (T,) and violations (nc, T) of states (T, nx), controls (T, nu) and the first node's index.
+        step: function of a state (nx,) and a control (nu,) that returns the next state.
+        fallen: function of states (n, nx) that returns which are falls, (n,).
+        score: function of states (T, nx), controls (T, nu) and the index of the first node that returns running costs
+            (T,) and violations (nc, T).
     """
 
     explore: Controller
@@ -121,10 +123,10 @@ class Actors:
 
     @classmethod
     def of(cls, problem: Problem, options: CollectOptions, reward: Reward, value: Path | None = None) -> Actors:
-        """Return those of a problem; the world is the planner's own model, as in the paper.
+        """Return the controllers of a problem; the simulated robot is the planner's own model, as in the paper.
 
-        Without a value ordinary MPPI explores, as in the paper. A controller that has one asks it about the ends of its
-        own roll-outs: there it has to be right.
+        Without a value, ordinary MPPI explores, as in the paper. With a value, the controller itself explores: it
+        evaluates the value at the ends of its own roll-outs, so the value must be accurate there.
         """
         segment = problem.schedule.segments[0]
         schedule = model_of(segment).over(options.horizon * segment.dt, dt=segment.dt).without(*segment.excluded)
@@ -156,19 +158,20 @@ def collect(
     executor: Executor | None = None,
     listener: Listener | None = None,
 ) -> Dataset:
-    """Collect a dataset, or what is missing of it.
+    """Collect a dataset, or the shards of it that are missing.
 
     Args:
-        problem: the declaration; with an executor a function that returns it, importable there.
-        folder: where the dataset is.
+        problem: the problem; with an executor, a function that returns it and that the workers can import.
+        folder: folder of the dataset.
         options: see :class:`CollectOptions`.
-        reward: the planner's.
-        value: file of the value that the controller which is followed already has; none at first.
-        executor: of ``concurrent.futures``, makes shards side by side; here one after the other without.
+        reward: reward of the planner.
+        value: file of the value that the controller uses; None in the first round.
+        executor: an executor of ``concurrent.futures`` that makes shards in parallel; without one, this process makes
+            them one after another.
         listener: called after every shard.
 
     Raises:
-        SamplingError: the folder holds data of something else.
+        SamplingError: the folder contains data of another problem or of other options.
     """
     options, reward = options or CollectOptions(), reward or Reward()
     here = problem() if callable(problem) else problem
@@ -206,7 +209,7 @@ def collect(
 
 
 def made_for(problem: Problem, options: CollectOptions, reward: Reward, value: Path | None = None) -> dict[str, Any]:
-    """Return what a dataset is of; the number of shards is no part of it, nor how costs and inputs are used."""
+    """Return the description of a dataset: of the problem, the simulator and the options, without the shard count."""
     nodes = Nodes(problem)
     entries = fingerprint(nodes, reward, options.follow, ValueInputs.standard(nodes))
     settings = {name: value for name, value in plain(options).items() if name not in ("shards", "rounds", "kind")}
@@ -216,7 +219,7 @@ def made_for(problem: Problem, options: CollectOptions, reward: Reward, value: P
 
 
 def simulator_of(model: Any) -> dict[str, Any]:
-    """Return how a model is simulated: what a dataset must not mix, and a value may survive."""
+    """Return the settings of a model's simulation. A dataset needs the same for all shards; a value does not."""
     names = ("timestep", "substeps", "contact", "friction", "body_collisions")
     return {name: plain(getattr(model, name)) for name in names if hasattr(model, name)}
 
@@ -232,7 +235,7 @@ _ACTORS: dict[str, Actors] = {}
 def _task(
     make: Callable[[], Problem], options: CollectOptions, reward: Reward, value: Path | None, shard: int
 ) -> Records:
-    """Make a shard in another process; controllers are kept there for the next one."""
+    """Make a shard in another process, which keeps the controllers for the next shard."""
     key = f"{make!r} {options!r} {reward!r} {value!r}"
     if key not in _ACTORS:
         _ACTORS.clear()
@@ -246,9 +249,9 @@ def _task(
 def make_shard(actors: Actors, options: CollectOptions, shard: int) -> Records:
     """Return the records of one shard."""
     rng = np.random.default_rng([options.seed, shard])
-    starts = _explore(actors, options, rng)
+    starts = _start_states(actors, options, rng)
     episodes = [
-        _follow(actors, options, start, k, int(rng.integers(2**31))) | {"number": number}
+        _episode(actors, options, start, k, int(rng.integers(2**31))) | {"number": number}
         for number, (start, k) in enumerate(starts)
     ]
     columns = {
@@ -260,8 +263,8 @@ def make_shard(actors: Actors, options: CollectOptions, shard: int) -> Records:
     return Records(**columns, episode=numbers)
 
 
-def _explore(actors: Actors, options: CollectOptions, rng: np.random.Generator) -> list[tuple[Array, int]]:
-    """Return states that sampled roll-outs came to, and the indices of their nodes."""
+def _start_states(actors: Actors, options: CollectOptions, rng: np.random.Generator) -> list[tuple[Array, int]]:
+    """Return states of sampled roll-outs, and the indices of their nodes."""
     per_step = -(-2 * options.episodes // options.explore_steps)
     found: list[tuple[Array, int]] = []
     x, k = actors.initial, 0
@@ -288,8 +291,8 @@ def _explore(actors: Actors, options: CollectOptions, rng: np.random.Generator) 
     return [found[i] for i in chosen]
 
 
-def _follow(actors: Actors, options: CollectOptions, start: Array, first: int, seed: int) -> dict[str, Any]:
-    """Return an episode from a state."""
+def _episode(actors: Actors, options: CollectOptions, start: Array, first: int, seed: int) -> dict[str, Any]:
+    """Return an episode that begins at a state."""
     states: list[Array] = [start]
     actions: list[Array] = []
     peaks: list[Array] = []

@@ -1,4 +1,4 @@
-"""Datasets of transitions on disk: shards that appear whole or not at all, so that collecting can be cut off."""
+"""Datasets of transitions on disk. Each shard is written in one atomic step, so a collection can be interrupted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FORMAT, VERSION = "piaffe-transitions", 1
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """What happened, raw: rewards, discounts and inputs are derived from it, so they may be chosen later.
+    """Raw data of episodes. Rewards, discounts and inputs are computed from them, so they can be chosen later.
 
     Args:
         states: (T, nx).
@@ -35,10 +35,10 @@ class Records:
         node: index of each state's node, (T,); its time is ``node * dt``.
         actions: (T, nu).
         cost: running cost, a rate, (T,).
-        violation: of every row of constraints, (T, nc).
-        peaks: largest violation of every row among the roll-outs of the plan made there, (T, nc).
+        violation: violation of every row of constraints, (T, nc).
+        peaks: largest violation of every row among the roll-outs of the plan from this state, (T, nc).
         done: whether the next state is a fall, (T,).
-        episode: which episode each is of, (T,); the rows of one follow each other in time.
+        episode: number of the episode, (T,); the rows of an episode are in order of time.
     """
 
     states: Array
@@ -55,13 +55,13 @@ class Records:
         return len(self.cost)
 
     def joined(self, more: Records) -> Records:
-        """Return these records and more of the same, their episodes counted on."""
+        """Return these records followed by more records, whose episodes get the next numbers."""
         columns = {name: np.concatenate([ours, vars(more)[name]]) for name, ours in vars(self).items()}
         columns["episode"][len(self) :] += int(self.episode.max()) + 1
         return Records(**columns)
 
     def c_max(self, floor: float) -> Array:
-        """Return the frozen c_max of every row, (nc,): the mean peak, which the planner's moving maximum hovers about.
+        """Return the constant c_max of every row, (nc,): the mean peak, near the planner's moving maximum.
 
         Args:
             floor: least value, as in the planner.
@@ -74,10 +74,10 @@ class Records:
         """Return the transitions that a value function is learnt from.
 
         Args:
-            inputs: of states (n, nx) at a node, (n, m).
-            constraints: the constraint that each row belongs to, (nc,).
-            reward: how cost becomes reward.
-            options: the controller's, for the largest discounts and the floor of c_max.
+            inputs: function of states (n, nx) and the index of their node that returns inputs (n, m).
+            constraints: name of the constraint of each row, (nc,).
+            reward: the reward as a function of the cost.
+            options: options of the controller, with the largest discounts and the floor of c_max.
         """
         discount = ConstraintDiscount.of(constraints, options)
         frozen = {"maxima": self.c_max(options.violation_floor)}
@@ -102,15 +102,15 @@ def _by_node(inputs: Callable[[Array, int], Array], states: Array, node: NDArray
 
 
 class Dataset:
-    """A folder of shards and the manifest that says what they are of.
+    """A folder of shards and a manifest that describes them.
 
     Args:
-        folder: where it is; made if missing.
-        made_for: what the data are of, JSON-able; a folder of other data is refused.
-        shards: how many there are to be; a folder may be opened with more than it was made with.
+        folder: the folder; it is made if it is missing.
+        made_for: description of the data, in values that JSON can hold; it must be that of the folder.
+        shards: number of shards when complete; it may be larger than when the folder was made.
 
     Raises:
-        SamplingError: the folder holds data of something else.
+        SamplingError: the folder contains data with another description.
     """
 
     def __init__(self, folder: str | Path, made_for: Mapping[str, Any], shards: int) -> None:
@@ -128,12 +128,12 @@ class Dataset:
             )
 
     def file(self, shard: int) -> Path:
-        """Return where a shard is."""
+        """Return the path of a shard."""
         return self.folder / f"shard-{shard:05d}.npz"
 
     @property
     def missing(self) -> tuple[int, ...]:
-        """The shards that are still to be made."""
+        """Numbers of the shards that are missing."""
         return tuple(i for i in range(self.shards) if not self.file(i).exists())
 
     def write(self, shard: int, records: Records) -> None:
@@ -141,7 +141,7 @@ class Dataset:
         write_arrays(self.file(shard), vars(records))
 
     def load(self) -> Records:
-        """Return the records of all shards, in their order; episodes are numbered anew.
+        """Return the records of all shards, in order; episodes get new numbers.
 
         Raises:
             SamplingError: shards are missing.
@@ -165,7 +165,7 @@ class Dataset:
         try:
             arrays = read_arrays(self.file(shard).read_bytes())
             return {name: arrays[name] for name in Records.__dataclass_fields__}
-        except Exception as error:  # damaged bytes raise whatever zipfile, zlib and NumPy raise for them
+        except Exception as error:  # zipfile, zlib and NumPy raise errors of many kinds for damaged files
             raise FileFormatError(
                 f"dataset, '{self.file(shard)}': cannot be read - got {error}, expected a shard; delete it and collect "
                 "it again"

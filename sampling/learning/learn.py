@@ -26,18 +26,19 @@ Listener = Callable[[int, int, dict[str, float]], None]
 
 CURVES = ("update", "loss", "mean_value", "held_out_error", "explained_variance")
 _PROBED = 8192  # transitions whose mean value is recorded
-_LEAST_STD = 1e-3  # inputs that hardly vary are not blown up
+_LEAST_STD = 1e-3  # inputs that hardly vary are not amplified
 
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """A learnt value function and how the learning went.
+    """A learnt value function and its learning curves.
 
     Args:
         network: the value network.
-        curves: by name (R,): ``update``; ``loss``, the mean squared TD error of the minibatches since the last point;
-            ``mean_value`` of the transitions learnt from; on held-out episodes ``held_out_error``, the mean squared
-            TD error, and ``explained_variance`` of the discounted returns (NaN without any).
+        curves: by name (R,): ``update``, the number of minibatches; ``loss``, the mean squared TD error of the
+            minibatches since the last point; ``mean_value``, of transitions that are learnt from; on held-out episodes
+            ``held_out_error``, the mean squared TD error, and ``explained_variance``, of the discounted returns (NaN
+            without held-out episodes).
     """
 
     network: Network
@@ -53,14 +54,14 @@ def learn(
 ) -> Learned:
     """Learn V(x) = E[γ₀ (1 − δ) (r + V(x'))] by TD(0), V(x') = 0 after a fall.
 
-    A constant reward r without violations has the value γ₀ r / (1 − γ₀). What is drawn depends on the seed and on the
-    number of the minibatch alone: learning that is resumed ends where learning in one go does.
+    A constant reward r without violations has the value γ₀ r / (1 − γ₀). Random numbers depend only on the seed and on
+    the number of the minibatch, so an interrupted and resumed run has the same result as one without interruption.
 
     Args:
-        transitions: to learn from; ``held_out`` of their episodes are tested with instead.
+        transitions: the data; a share ``held_out`` of their episodes is only used for tests.
         options: see :class:`LearnOptions`.
-        checkpoints: folder to save to, and to resume from, at every point of the curves.
-        listener: called at every point with minibatches so far, minibatches in all, and the point of the curves.
+        checkpoints: folder of checkpoints: one is saved at every point of the curves, and the last one is resumed.
+        listener: called at every point with the minibatches so far, all minibatches, and the point of the curves.
     """
     options = options or LearnOptions()
     train, test = transitions.split(options.held_out, options.seed)
@@ -96,7 +97,7 @@ def learn(
 
 
 def _first(options: LearnOptions, inputs: int) -> tuple[Any, dict[str, Any]]:
-    """Return the module's structure, and parameters online and of the target with the state of the optimiser."""
+    """Return the module's structure, and the first state: online and target parameters, and the optimiser's state."""
     graph, parameters = nnx.split(ValueModule(inputs, options.hidden, rngs=nnx.Rngs(options.seed)))
     target = jax.tree.map(jnp.array, parameters)
     return graph, {
@@ -160,7 +161,7 @@ def _run(
 def _evaluate(
     graph: Any, discount: jax.Array, parameters: Any, data: dict[str, jax.Array]
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Return the values of the states, of the states that followed, and the mean squared TD error."""
+    """Return the values of the states, the values of the next states, and the mean squared TD error."""
     module = nnx.merge(graph, parameters)
     values = module(data["inputs"])
     error = jnp.mean((values - _targets(graph, discount, parameters, data)) ** 2)
@@ -189,14 +190,15 @@ def _measure(
 
 
 def explained_variance(transitions: Transitions, values: Array, following: Array, discount: float) -> float:
-    """Return 1 − var(G − V) / var(G) of discounted returns G, where what came after the episode hardly weighs.
+    """Return 1 − var(G − V) / var(G) of discounted returns G, for states where G hardly depends on what follows.
 
-    What came after it is replaced by the value of its last state.
+    The return after the end of an episode is replaced by the value of the episode's last state. States where its weight
+    is above ``NEGLIGIBLE`` are left out.
 
     Args:
-        transitions: T of them, by episode.
-        values: of the states, (T,).
-        following: of the states that followed, (T,).
+        transitions: T transitions, by episode.
+        values: values of the states, (T,).
+        following: values of the next states, (T,).
         discount: γ₀.
     """
     returns, weight = transitions.returns(discount)

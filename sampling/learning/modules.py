@@ -1,4 +1,4 @@
-"""The value network as a Flax module, for learning; and the way from it to NumPy and back."""
+"""The value network as a Flax module, for learning, and its conversion to and from NumPy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Hidden(nnx.Module):  # type: ignore[misc]  # Flax is not followed
 
 
 class ValueModule(nnx.Module):  # type: ignore[misc]  # Flax is not followed
-    """The value of normalised inputs: hidden layers and one output that softplus keeps from being negative."""
+    """The value of normalised inputs: hidden layers and one output, which softplus makes positive."""
 
     def __init__(self, inputs: int, hidden: tuple[int, ...] = HIDDEN, *, rngs: nnx.Rngs) -> None:
         self.count = len(hidden)
@@ -47,8 +47,8 @@ def to_network(module: ValueModule, mean: NDArray[Any], std: NDArray[Any]) -> Ne
 
     Args:
         module: the module.
-        mean: of the inputs, (m,).
-        std: of the inputs, (m,).
+        mean: mean of the inputs, (m,).
+        std: standard deviation of the inputs, (m,).
     """
     layers = []
     for i in range(module.count):
@@ -73,7 +73,7 @@ def to_module(network: Network) -> ValueModule:
 
 
 def compiled(network: Network) -> Callable[[Any], jax.Array]:
-    """Return the network as one function compiled by JAX, of inputs (n, m), not yet normalised, to (n,)."""
+    """Return the network as a function compiled by JAX, of inputs (n, m) that are not normalised, to values (n,)."""
     graph, parameters = nnx.split(to_module(network))
     mean, std = jnp.asarray(network.mean), jnp.asarray(network.std)
 

@@ -1,4 +1,4 @@
-"""Options of value learning: one frozen value."""
+"""Options of value learning."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ class LearnOptions:
 
     Args:
         discount: γ₀ per step; the planner's must be the same.
-        updates: minibatches in all.
+        updates: number of minibatches.
         batch: transitions per minibatch.
-        learning_rate: of AdamW.
-        weight_decay: of AdamW, per step in units of the learning rate. Some 10 000 transitions are learnt by heart
-            without it.
-        target_rate: τ of the target network, θ' ← τ θ + (1 − τ) θ' after every minibatch. The paper's is 1e-3, with
+        learning_rate: learning rate of AdamW.
+        weight_decay: weight decay of AdamW, per step in units of the learning rate. Without it, the network overfits
+            data of about 10 000 transitions.
+        target_rate: τ of the target network, θ' ← τ θ + (1 − τ) θ' after every minibatch. The paper uses 1e-3, with
             which the target needs about 1e5 minibatches.
         hidden: sizes of the hidden layers.
-        held_out: share of the episodes that is not learnt from, in [0, 1).
+        held_out: share of the episodes that is only used for tests, in [0, 1).
         record_every: minibatches between two points of the learning curves, and between two checkpoints.
-        seed: of the first parameters, of the minibatches and of the choice of held-out episodes.
+        seed: seed of the first parameters, of the minibatches and of the choice of held-out episodes.
     """
 
     discount: float = 0.9

@@ -1,4 +1,4 @@
-"""From a problem to a value file: collect, learn, store; each stage goes on where it was left."""
+"""From a problem to a value file: collect, learn, store. An interrupted stage continues from its last file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .options import LearnOptions
 from .transitions import Transitions
 
 Progress = Callable[[str, int, int], None]
-"""Called with the name of a stage, how much of it is done, and how much there is."""
+"""Called with the name of a stage, the number of its completed parts, and the number of all its parts."""
 
 
 def train_value(
@@ -45,41 +45,42 @@ def train_value(
 ) -> Value:
     """Learn the value function of the constraint-discounted controller on a problem, and write it to a file.
 
-    Three stages, as published, in as many rounds as asked for: ordinary MPPI, in later rounds the controller itself,
-    finds states that sampled roll-outs come to; the controller goes on from each of them; TD(0) learns from what it
-    did. A run that is cut off goes on where it was when it is started again.
+    Each round has three stages, as published: ordinary MPPI (in later rounds the controller itself) samples roll-outs;
+    the controller runs an episode from each of some states of these roll-outs; TD(0) learns from the episodes. To
+    continue an interrupted run, start it again.
 
     Args:
-        problem: the declaration; with an executor or workers a function that returns it, importable there.
-        out: the file, ``solo12.value``.
+        problem: the problem; with an executor or workers, a function that returns it and that the workers can import.
+        out: the file, as ``solo12.value``.
         collecting: options of the first two stages.
-        learning: options of the third.
-        reward: the planner's.
-        inputs: what the value sees; :meth:`ValueInputs.standard` by default.
-        work: folder of dataset and checkpoints, by default beside the file, ``solo12.work``.
-        executor: makes shards side by side.
-        workers: processes that do so where no executor is given; none, and this process does.
-        precision: of the weights in the file.
-        progress: called as the stages go on; ``piaffe.viz.stage_bars`` shows bars.
+        learning: options of the third stage.
+        reward: reward of the planner.
+        inputs: inputs of the value; :meth:`ValueInputs.standard` by default.
+        work: folder of dataset and checkpoints; by default in the folder of the file, as ``solo12.work``.
+        executor: makes shards in parallel.
+        workers: number of processes that make shards if there is no executor; 0 makes them in this process.
+        precision: precision of the weights in the file.
+        progress: called after each part of a stage; ``piaffe.viz.stage_bars`` shows bars.
 
     Returns:
-        The value, as read back from the file.
+        The value, as read from the file.
 
     Raises:
-        SamplingError: ``work`` holds what is of another problem or other options, γ₀ differs between the options, or
+        SamplingError: ``work`` contains data of another problem or of other options, γ₀ differs between the options, or
             JAX, Flax and Orbax are not installed.
     """
     collecting, learning = collecting or CollectOptions(), learning or LearnOptions()
     reward = reward or Reward()
     if learning.discount != collecting.follow.discount:
         raise SamplingError(
-            f"train_value: γ₀ differs between controller and learner - got discount {learning.discount:g} in learning, "
-            f"expected {collecting.follow.discount:g} as in collecting.follow; give the same"
+            f"train_value: γ₀ differs between the two options - got discount {learning.discount:g} in learning, "
+            f"expected {collecting.follow.discount:g} as in collecting.follow; make them equal"
         )
     if not (progress is None or callable(progress)):
         raise SamplingError(
-            f"train_value: progress is no function - got {progress!r}, expected a function of a stage's name, what is "
-            "done and what there is; leave it out, or pass that of `with piaffe.viz.stage_bars() as progress`"
+            f"train_value: progress is no function - got {progress!r}, expected a function of a stage's name, the "
+            "number of completed parts and of all parts; leave it out, or pass the one of "
+            "`with piaffe.viz.stage_bars() as progress`"
         )
     step = progress or _silent
     learn = _learner()
@@ -118,10 +119,10 @@ def _silent(stage: str, done: int, total: int) -> None:
 
 
 def _pool(executor: Executor | None, workers: int) -> AbstractContextManager[Executor | None]:
-    """Return who collects: the caller's executor, left open, or processes of our own."""
+    """Return the executor that collects: the caller's, which stays open, or a new pool of processes."""
     if executor is not None or workers == 0:
         return nullcontext(executor)
-    # JAX, which learns, has threads of its own: processes are begun anew, not forked
+    # JAX has threads of its own, so processes must not be forked
     return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
 
 
@@ -129,7 +130,7 @@ def _record(
     collecting: CollectOptions, learning: LearnOptions, nodes: Nodes, records: Records, transitions: Transitions,
     learned: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """Return how a value came about, as JSON-able values."""
+    """Return how a value was learnt, in values that JSON can hold."""
     return {
         "command": " ".join(sys.argv),
         "collecting": plain(collecting),
@@ -158,7 +159,7 @@ def _learner() -> Any:
 
 
 def _fall(nodes: Nodes) -> dict[str, float]:
-    """Return what counts as a fall of the problem's robot; nothing for models that cannot fall."""
+    """Return the limits beyond which the problem's robot has fallen; empty for models that cannot fall."""
     if not hasattr(nodes.model, "fallen"):
         return {}
     from piaffe.models import Fall

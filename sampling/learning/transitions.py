@@ -1,4 +1,4 @@
-"""Transitions: what TD(0) learns from, in numbers that the network sees."""
+"""Transitions: the data of TD(0), with the inputs of the network."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from piaffe.errors import SamplingError, ShapeError
 
 Array = NDArray[np.float64]
 
-NEGLIGIBLE = 0.1  # a return whose unseen part weighs at most this much counts as known
+NEGLIGIBLE = 0.1  # largest weight of the return after an episode's end at which a return counts as known
 
 
 @dataclass(frozen=True, eq=False)
 class Transitions:
-    """T transitions of E episodes, those of an episode one after the other.
+    """T transitions of E episodes, in order of episode and time.
 
     Args:
-        inputs: of the states, (T, m).
-        next_inputs: of the states that followed, (T, m).
+        inputs: inputs of the states, (T, m).
+        next_inputs: inputs of the next states, (T, m).
         rewards: (T,), not negative.
         delta: δ of the constraints, (T,) in [0, 1].
-        done: whether the robot had fallen in the next state, (T,): its value is 0.
-        episode: which episode each is of, (T,).
+        done: whether the next state is a fall, (T,); then its value is 0.
+        episode: number of the episode, (T,).
     """
 
     inputs: Array
@@ -62,11 +62,11 @@ class Transitions:
         return len(self.rewards)
 
     def take(self, rows: NDArray[np.bool_]) -> Transitions:
-        """Return the transitions that a mask (T,) picks."""
+        """Return the transitions that a mask (T,) selects."""
         return Transitions(**{name: values[rows] for name, values in vars(self).items()})
 
     def split(self, held_out: float, seed: int) -> tuple[Transitions, Transitions | None]:
-        """Return the transitions to learn from and, of whole episodes, those to test with; None if there are none."""
+        """Return the transitions to learn from and whole episodes to test with; None if there are none."""
         episodes = np.unique(self.episode)
         count = min(round(held_out * len(episodes)), len(episodes) - 1)
         if count == 0:
@@ -75,7 +75,7 @@ class Transitions:
         return self.take(~chosen), self.take(chosen)
 
     def returns(self, discount: float) -> tuple[Array, Array]:
-        """Return the discounted sum of rewards to each episode's end, and the weight of what came after, (T,) each.
+        """Return the discounted sum of rewards to the episode's end, and the weight of the return after it, (T,) each.
 
         The sum is ``G_t = γ₀ (1 − δ_t) (r_t + G_{t+1})``; the weight is 0 if the episode ended in a fall.
         """

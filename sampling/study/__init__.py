@@ -1,4 +1,4 @@
-"""Studies: many episodes of declared problems, their settings, files and tables."""
+"""Studies: many episodes of problems in Python files, their settings, files and tables."""
 
 from .declared import load_declared as load_declared
 from .file import StudyFile as StudyFile

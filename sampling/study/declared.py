@@ -1,4 +1,4 @@
-"""What a file declares for sampling: a problem and its settings, a reward, a value, options of controllers."""
+"""The declarations of a Python file for sampling: a problem, its settings, a reward, a value, controllers' options."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from ..options import Options
 from ..reward import Reward
 
 NAMES = ("sampled_problem", "problem")
-"""What is sampled unless it is named: the first of these that a file has."""
+"""Default names of the problem to sample: the first of these that the file has."""
 
 
 @dataclass(frozen=True)
 class Declared:
-    """What a file declares for sampling.
+    """The declarations of a file for sampling.
 
     Args:
         path: the file.
-        name: of the problem in it.
-        make: returns the problem; its arguments are the file's own settings.
-        settings: these, with their defaults.
-        reward: the file's ``reward``, else one of scale 1.
-        value: the file's ``value``: a path, relative to the file, or what it holds.
-        options: the file's ``options``: of all controllers, or by controller's name.
-        controllers: those of Piaffe and the file's ``controllers``, classes by name.
+        name: name of the problem in the file.
+        make: function that returns the problem; its arguments are the file's own settings.
+        settings: the file's own settings and their defaults.
+        reward: the file's ``reward``; by default one of scale 1.
+        value: the file's ``value``: a path, relative to the file.
+        options: the file's ``options``: for all controllers, or by name of the controller.
+        controllers: controllers of Piaffe and the file's ``controllers``, classes by name.
     """
 
     path: Path
@@ -51,10 +51,10 @@ class Declared:
 
         Args:
             settings: arguments of the file's function.
-            horizon: H in steps; the declared one by default.
+            horizon: H in steps; the one in the file by default.
 
         Raises:
-            ProblemError: the file's function fails, or what it returns cannot be sampled.
+            ProblemError: the file's function raises an error, or its result is not a problem to sample.
         """
         given = dict(settings or {})
         if horizon is not None and "horizon" in self.settings:
@@ -68,7 +68,7 @@ class Declared:
         if not isinstance(problem, Problem):
             raise ProblemError(
                 f"file '{self.path}', name '{self.name}': is not a problem - got {type(problem).__name__}, expected an "
-                "ocp.Problem or a function that returns one; name another one as FILE:name"
+                "ocp.Problem or a function that returns one; choose another name with FILE:name"
             )
         self._require_simulator(problem)
         return problem if horizon is None else with_horizon(problem, horizon)
@@ -79,19 +79,19 @@ class Declared:
             raise ProblemError(
                 f"file '{self.path}', name '{self.name}': is not a problem to sample - got "
                 f"{' + '.join(repr(model.name) for model in models)}, expected one models.Mujoco; define "
-                "`sampled_problem`, or name another one as FILE:name"
+                "`sampled_problem`, or choose another name with FILE:name"
             )
 
 
 def load_declared(spec: str, *, quiet: bool = False) -> Declared:
-    """Return what ``FILE`` or ``FILE:name`` declares for sampling.
+    """Return the declarations of ``FILE`` or ``FILE:name`` for sampling.
 
     Args:
-        spec: a Python file, and after a colon the problem's name; else the first of ``NAMES`` that it has.
-        quiet: let what the file prints go to standard error.
+        spec: a Python file, and after a colon the problem's name; by default the first of ``NAMES`` in the file.
+        quiet: write the file's output to standard error.
 
     Raises:
-        ProblemError: there is no such file, it does not run, or something in it is not what its name says.
+        ProblemError: there is no such file, it raises an error, or a name in it has a value of the wrong kind.
     """
     path, name = split(spec)
     with redirect_stdout(sys.stderr) if quiet else nullcontext():
@@ -117,14 +117,14 @@ def load_declared(spec: str, *, quiet: bool = False) -> Declared:
 
 
 def with_horizon(problem: Problem, steps: int) -> Problem:
-    """Return a problem whose one segment lasts a number of steps."""
+    """Return a problem with another number of steps in its one segment."""
     schedule = problem.schedule
     segment = schedule.segments[0]
     return problem.with_schedule(replace(schedule, segments=(replace(segment, duration=steps * segment.dt),)))
 
 
 def _settings(path: Path, name: str, make: Callable[..., Any]) -> dict[str, Any]:
-    """Return arguments and defaults of a function that makes a problem."""
+    """Return the arguments of a function that makes a problem, and their defaults."""
     settings = {}
     for argument in inspect.signature(make).parameters.values():
         if argument.kind in (argument.VAR_POSITIONAL, argument.VAR_KEYWORD):

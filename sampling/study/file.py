@@ -1,4 +1,4 @@
-"""Reading a study from a TOML file: what is run, with which settings, in which combinations."""
+"""Reading of a study from a TOML file: the problem, the settings and their combinations."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ OWN = ("file", "seeds", "series", "grid")
 
 @dataclass(frozen=True)
 class StudyFile:
-    """A study as it is declared.
+    """The content of a study's TOML file.
 
     Args:
         path: the TOML file.
         spec: the problem's file and name.
-        declared: what that file declares.
+        declared: declarations of the problem's file.
         cases: the episodes.
-        series: what is drawn over time, against which limit: part of joints' names, or ``height``.
+        series: quantities to plot over time, and the limit of each: part of joints' names, or ``height``.
     """
 
     path: Path
@@ -40,16 +40,16 @@ class StudyFile:
 
 
 def read_study(path: Path) -> StudyFile:
-    """Return a study; everything in it that can be known to be wrong without running it is refused.
+    """Return a study, after all checks that do not need to run it.
 
     Args:
-        path: the TOML file. ``file`` and a ``value`` are relative to it.
+        path: the TOML file. The paths in ``file`` and ``value`` are relative to it.
 
     Raises:
-        FileFormatError: it is no TOML file, or a value is not there.
+        FileFormatError: it is not a TOML file, or the file of a value is missing.
         SamplingError: an entry is missing or out of range.
         UnknownNameError: a setting or a controller is unknown.
-        ProblemError: the problem's file cannot be used, or refuses a setting.
+        ProblemError: the problem's file cannot be used, or raises an error for a setting.
     """
     try:
         given = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -79,28 +79,30 @@ def read_study(path: Path) -> StudyFile:
         made_from = {"file": source_digest(declared.path)}
         if settings["value"] is not None:
             made_from["value"] = content_digest(Path(settings["value"]))
-            settings["value"] = os.path.relpath(settings["value"], path.parent)  # the same study in any checkout
+            settings["value"] = os.path.relpath(settings["value"], path.parent)  # the same in every folder
         label = label or declared.controllers[settings["controller"]].title
         cases += [Case(label, settings, seed, made_from) for seed in seeds]
     if not cases:
-        raise SamplingError(f"{where}: has no episodes - got an empty list, expected values to vary; correct the list")
+        raise SamplingError(
+            f"{where}: has no episodes - got an empty list, expected values to combine; correct the list"
+        )
     series = _series(given.get("series", {}), where)
     _try_out(declared, cases, series, where)
     return StudyFile(path, spec, declared, tuple(cases), series)
 
 
 def try_controllers(study: StudyFile) -> None:
-    """Make the controller of every cell once, which compiles what is new.
+    """Make the controller of every cell once, which also compiles what is not in the cache.
 
     Raises:
-        PiaffeError: one cannot be made, or its value was learnt for something else.
+        PiaffeError: a controller cannot be made, or its value was learnt for something else.
     """
     for case in {case.cell: case for case in study.cases}.values():
         prepare(study.declared, located(case.settings, study.path.parent)).close()
 
 
 def _try_out(declared: Declared, cases: list[Case], series: Mapping[str, float], where: str) -> None:
-    """Make the problem and the plant of every cell once, so that what the file refuses is refused now."""
+    """Make the problem and the plant of every cell once, so that their errors are raised now."""
     tried: set[str] = set()
     for case in cases:
         options_of(declared, case.settings)
@@ -123,7 +125,7 @@ def _seeds(given: Any, where: str) -> list[int]:
     whole = isinstance(seeds, list) and all(isinstance(s, int) and not isinstance(s, bool) and s >= 0 for s in seeds)
     if not (whole and seeds):
         raise SamplingError(
-            f"{where}: seeds are unusable - got {given!r}, expected how many, or a list of whole numbers from 0 on; "
+            f"{where}: seeds are unusable - got {given!r}, expected a number of seeds, or a list of whole numbers; "
             "write seeds = 20"
         )
     return list(dict.fromkeys(seeds))
@@ -133,12 +135,13 @@ def _series(given: Any, where: str) -> dict[str, float]:
     if isinstance(given, dict) and all(isinstance(limit, int | float) for limit in given.values()):
         return {name: float(limit) for name, limit in given.items()}
     raise SamplingError(
-        f"{where}: series is unusable - got {given!r}, expected limits by name: part of joints' names, or height"
+        f"{where}: series is unusable - got {given!r}, expected limits by name: part of joints' names, or "
+        "height; correct it"
     )
 
 
 def source_digest(path: Path) -> str:
-    """Return a digest of Python code that comments and layout do not change."""
+    """Return a digest of Python code; comments and layout have no effect on it."""
     tree = ast.dump(ast.parse(path.read_text(encoding="utf-8")))
     return hashlib.sha256(tree.encode()).hexdigest()[:16]
 

@@ -1,4 +1,4 @@
-"""Episodes on disk: one ``.npz`` with what happened and what it was made with."""
+"""Episodes on disk: one ``.npz`` file with their data and the settings that they were made with."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _REST = tuple(field.name for field in fields(Episode) if field.name not in _ARRA
 
 
 def save_episodes(path: str | Path, episodes: Mapping[str, Episode], about: Mapping[str, Any] | None = None) -> Path:
-    """Write episodes to a file, which appears whole or not at all.
+    """Write episodes to a file, in one atomic step.
 
     Args:
         path: the file, ``.npz``.
-        episodes: by name, as ``"seed 3"``.
-        about: what they were made with, JSON-able.
+        episodes: episodes by name, as ``"seed 3"``.
+        about: settings that they were made with, in values that JSON can hold.
     """
     path = Path(path)
     rest = {name: {key: getattr(episode, key) for key in _REST} for name, episode in episodes.items()}
@@ -42,10 +42,10 @@ def save_episodes(path: str | Path, episodes: Mapping[str, Episode], about: Mapp
 
 
 def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]:
-    """Return the episodes of a file by name, and what they were made with.
+    """Return the episodes of a file by name, and the settings that they were made with.
 
     Raises:
-        FileFormatError: the file is foreign, truncated or of a newer version.
+        FileFormatError: the file is of another kind, truncated or of a newer version.
     """
 
     def refuse(fault: Fault) -> FileFormatError:
@@ -59,10 +59,10 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]
 
 
 def _refusal(path: str | Path, got: object) -> FileFormatError:
-    """Return the error of a file that holds no episodes, or damaged ones."""
+    """Return the error for a file without episodes, or with damaged ones."""
     found = f"{type(got).__name__}: {got}" if isinstance(got, Exception) else got
     return FileFormatError(
-        f"file '{path}': holds no episodes that can be read - got {found}, expected '{FORMAT}'; make it anew with "
+        f"file '{path}': holds no episodes that can be read - got {found}, expected '{FORMAT}'; make it again with "
         "`piaffe mppi --save` or `piaffe study`"
     )
 

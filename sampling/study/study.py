@@ -1,4 +1,4 @@
-"""Studies: episodes over a grid of settings, each kept on disk when it is done, so that a study can be continued."""
+"""Studies: episodes over a grid of settings. Each episode is saved when it ends, so a study can be continued."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ class Case:
     """One episode of a study.
 
     Args:
-        label: what tables and figures call it; no part of what it is.
-        settings: what it is made with, JSON-able.
-        seed: of the episode.
-        made_from: digests of what the settings refer to, by name.
+        label: its name in tables and figures; it has no effect on the episode.
+        settings: settings of the episode, in values that JSON can hold.
+        seed: seed of the episode.
+        made_from: digests of the files that the settings refer to, by name.
     """
 
     label: str
@@ -45,18 +45,18 @@ class Case:
 
 
 Task = Callable[[Case], tuple[Episode, Mapping[str, Any]]]
-"""Runs an episode; returns it and what else is known of it, JSON-able. Pools of processes must be able to pickle it."""
+"""Runs an episode, and returns it and more results in values that JSON can hold. It must be possible to pickle it."""
 
 Heard = Callable[[Case, BaseException | None], None]
-"""Called with a case that is done, or that failed and why."""
+"""Called with each case when it ends, and with its error or None."""
 
 
 def grid(blocks: Iterable[Mapping[str, Any]], defaults: Mapping[str, Any] | None = None) -> list[dict[str, Any]]:
-    """Return settings of every combination: in each block, lists are varied against each other.
+    """Return the settings of every combination: each block gives all combinations of the entries of its lists.
 
     Args:
-        blocks: values, or lists of values, by name; their combinations follow each other, repeated ones left out.
-        defaults: the same for all blocks, which may replace them.
+        blocks: values, or lists of values, by name; repeated combinations are left out.
+        defaults: values for all blocks; the values of a block replace them.
     """
     found: dict[str, dict[str, Any]] = {}
     for block in blocks:
@@ -72,26 +72,26 @@ class Study:
 
     Args:
         cases: the episodes.
-        folder: where they are kept.
+        folder: folder where they are saved.
     """
 
     def __init__(self, cases: Sequence[Case], folder: str | Path) -> None:
         self.cases, self.folder = tuple(cases), Path(folder)
 
     def path(self, case: Case) -> Path:
-        """Return where an episode is kept."""
+        """Return the path of an episode's file."""
         return self.folder / "episodes" / case.cell / f"seed-{case.seed}.npz"
 
     def missing(self, stale: Stale = "refuse") -> list[Case]:
-        """Return the cases that are to be run.
+        """Return the cases to run.
 
         Args:
-            stale: what becomes of episodes that were made from other contents than those of now: ``"keep"`` them,
-                ``"redo"`` them, or refuse.
+            stale: what to do with saved episodes whose files (``made_from``) have changed since: ``"keep"`` the
+                episodes, ``"redo"`` them, or ``"refuse"``, which raises an error.
 
         Raises:
-            SamplingError: there are such episodes.
-            FileFormatError: a file in the folder is foreign.
+            SamplingError: there are such episodes, and ``stale`` is ``"refuse"``.
+            FileFormatError: a file in the folder is of another kind.
         """
         found, old = [], []
         for case in self.cases:
@@ -101,7 +101,7 @@ class Study:
                 old.append(case)
         if old and stale == "refuse":
             raise SamplingError(
-                f"study '{self.folder}': what its episodes were made from has changed - got {len(old)} of "
+                f"study '{self.folder}': files of its episodes have changed - got {len(old)} of "
                 f"{len(self.cases)} from other contents of {' or '.join(old[0].made_from)}, expected those of now; "
                 "keep them (--stale keep) if the change does not matter, or redo them (--stale redo)"
             )
@@ -110,15 +110,15 @@ class Study:
     def run(
         self, task: Task, executor: Executor, *, stale: Stale = "refuse", heard: Heard | None = None
     ) -> dict[Case, BaseException]:
-        """Run what is missing, and return the cases that failed and why; each episode is kept at once.
+        """Run the missing episodes, and return the failed cases and their errors. Each episode is saved when it ends.
 
-        On ``KeyboardInterrupt`` what is under way is finished and kept before it is raised again.
+        On ``KeyboardInterrupt``, the episodes that are running are completed and saved before it is raised again.
 
         Args:
-            task: runs one.
-            executor: any of ``concurrent.futures`` or like it.
+            task: function that runs one episode.
+            executor: an executor of ``concurrent.futures``, or one with the same methods.
             stale: as for :meth:`missing`.
-            heard: called after each.
+            heard: called after each episode.
 
         Raises:
             SamplingError: a worker died.
@@ -135,11 +135,11 @@ class Study:
                 error = future.exception()
                 if isinstance(error, BrokenExecutor):
                     raise SamplingError(
-                        f"study '{self.folder}': a worker died - got {error}, expected it to run; was it killed, for "
-                        "memory? Run the study again with fewer workers: what is done is kept"
+                        f"study '{self.folder}': a worker died - got {error}, expected it to run; check whether "
+                        "memory was full, and run the study again with fewer workers: completed episodes are saved"
                     ) from error
                 if error is None:
-                    self._keep(waiting[future], *future.result())
+                    self._save(waiting[future], *future.result())
                 else:
                     failures[waiting[future]] = error
                 if heard is not None:
@@ -155,14 +155,14 @@ class Study:
         return failures
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return one row per episode that is done: label, seed, settings and figures."""
+        """Return one row per completed episode: label, seed, settings and results."""
         return [self._row(case) for case in self.cases if self.path(case).is_file()]
 
     def episode(self, case: Case) -> Episode:
-        """Return an episode that is done."""
+        """Return a completed episode."""
         return load_episodes(self.path(case))[0][_ONLY]
 
-    def _keep(self, case: Case, episode: Episode, known: Mapping[str, Any]) -> None:
+    def _save(self, case: Case, episode: Episode, known: Mapping[str, Any]) -> None:
         about = {
             "label": case.label, "settings": dict(case.settings), "seed": case.seed,
             "made_from": dict(case.made_from), "known": dict(known),
@@ -183,11 +183,11 @@ class Study:
 
 
 def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> Path:
-    """Write rows as a Parquet file, which appears whole or not at all; values of mixed kinds become JSON.
+    """Write rows as a Parquet file, in one atomic step; columns of mixed types become JSON.
 
     Args:
         path: the file.
-        rows: one per episode; what some lack is null.
+        rows: one per episode; missing values become null.
 
     Raises:
         SamplingError: pyarrow is not installed.

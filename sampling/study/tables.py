@@ -1,4 +1,4 @@
-"""Tables of a study: every cell in numbers, success over terrains and horizons, and what each constraint missed."""
+"""Tables of a study: the results of every cell, success over terrains and horizons, and violations of constraints."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Row = Mapping[str, Any]
 
 _MISSED = "missed_percent."
 AXES = ("terrain", "horizon", "samples", "temperature", "value")
-"""Settings in the order in which tables and figures name them; others that vary follow."""
+"""Order of the settings in tables and figures; all other settings that vary come after these."""
 
 _ALWAYS = ("terrain", "horizon", "samples")
 _FIXED = frozenset({"label", "cell", "seed", "threads"})
 
 
 def cells(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return one row per cell: its settings, and figures over its seeds."""
+    """Return one row per cell: its settings, and statistics over its seeds."""
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         groups.setdefault((row["label"], row["cell"]), []).append(row)
@@ -31,7 +31,7 @@ def cells(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def varied(rows: Sequence[Row]) -> list[str]:
-    """Return the settings that differ between rows of a study; not those that the label tells already."""
+    """Return the settings that differ between rows of a study, without those that the label determines."""
     names = dict.fromkeys(name for row in rows for name in _settings(row))
     settings = [name for name in names if len({str(row.get(name)) for row in rows}) > 1]
     labels = len({row["label"] for row in rows})
@@ -41,11 +41,11 @@ def varied(rows: Sequence[Row]) -> list[str]:
 
 
 def write_tables(folder: Path, rows: Sequence[Row]) -> list[Path]:
-    """Write all tables that the rows allow, as Markdown and CSV, and return their paths.
+    """Write all tables that can be made from the rows, as Markdown and CSV, and return their paths.
 
     Args:
-        folder: where.
-        rows: of :meth:`piaffe.sampling.Study.rows`.
+        folder: folder of the tables.
+        rows: rows of :meth:`piaffe.sampling.Study.rows`.
     """
     found = cells(rows)
     settings = varied(rows)
@@ -62,7 +62,7 @@ def write_tables(folder: Path, rows: Sequence[Row]) -> list[Path]:
 
 
 def listed(rows: Sequence[Row]) -> list[dict[str, str]]:
-    """Return every cell as text, by column."""
+    """Return every cell as strings, by column."""
     return [_listed(cell, varied(rows)) for cell in cells(rows)]
 
 
@@ -136,7 +136,7 @@ def _over_terrains(found: Sequence[Row]) -> list[dict[str, str]]:
 
 
 def text_of(value: Any) -> str:
-    """Return a setting in words; of a file its name."""
+    """Return a setting as a string; for a path, the name of the file."""
     if value is None:
         return "-"
     return Path(value).name if isinstance(value, str) and "/" in value else str(value)

@@ -1,4 +1,4 @@
-"""From settings to closed loops: a controller and a plant, made from what a file declares."""
+"""From settings to closed loops: a controller and a plant, made from the declarations of a file."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ RUN: Mapping[str, Any] = {
     "controller": "td-cd", "value": None, "allow": "", "horizon": None, "steps": 400, "spread": {},
     "latency": 0.0, "payload": 0.0, "friction": None, "plant_timestep": 0.002,
 }  # fmt: skip
-"""Settings of a run and their defaults; a value of None is the file's, ``"none"`` is none at all; ``allow`` names in
-what a value may differ from what it was learnt for, as ``"terrain payload"``."""
+"""Settings of a run and their defaults. For ``value``, None is the value in the file, and ``"none"`` is no value.
+``allow`` lists the entries in which the problem may differ from the one that the value was learnt for, as
+``"terrain payload"``."""
 
 OPTIONS = tuple(field.name for field in fields(Options) if field.name not in ("seed", "threads"))
 """Settings of a controller."""
@@ -30,13 +31,13 @@ _ELSEWHERE = {"seed": "--seed, --seeds, or a study's seeds", "threads": "--threa
 
 @dataclass(frozen=True)
 class Trial:
-    """A controller and a plant, ready to be run with any seed.
+    """A controller and a plant, which can be run with any seed.
 
     Args:
         controller: the controller.
-        plant: what it controls.
-        settings: all settings of the run, in full.
-        spread: how initial states differ.
+        plant: the simulated robot that it controls.
+        settings: all settings of the run.
+        spread: distribution of the initial states.
     """
 
     controller: Sampler
@@ -45,7 +46,7 @@ class Trial:
     spread: Spread
 
     def run(self, seed: int, progress: Progress | None = None) -> Episode:
-        """Return the episode of a seed, which sets perturbations and initial state."""
+        """Return the episode of a seed, which determines the perturbations and the initial state."""
         initial = self.spread.around(self.controller.model, self.controller.problem.initial, seed)
         return run_episode(
             self.controller, self.plant, steps=self.settings["steps"], seed=seed, initial=initial,
@@ -61,30 +62,30 @@ def known_settings(declared: Declared) -> tuple[str, ...]:
     """Return the names of all settings: of runs, of controllers, and of the file's function.
 
     Raises:
-        SamplingError: the function's arguments clash with the others.
+        SamplingError: an argument of the function has the name of another setting.
     """
     clash = sorted((set(RUN) | set(OPTIONS) | {"seed", "label"}) & set(declared.settings) - {"horizon"})
     if clash:
         raise SamplingError(
-            f"file '{declared.path}', function '{declared.name}': argument '{clash[0]}' is named like a setting that "
-            "is not the file's - got one name for two things, expected another; rename the argument"
+            f"file '{declared.path}', function '{declared.name}': argument '{clash[0]}' has the name of a setting of "
+            "Piaffe - got one name for two settings, expected another; rename the argument"
         )
     return tuple(dict.fromkeys((*RUN, *OPTIONS, *declared.settings)))
 
 
 def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: Path = Path()) -> dict[str, Any]:
-    """Return settings with all defaults filled in; raise if one is unknown or out of range.
+    """Return settings completed with all defaults; raise an error if one is unknown or out of range.
 
     Args:
-        declared: what the file declares.
+        declared: declarations of the file.
         given: settings by name.
-        where: what they are of, for errors.
-        folder: what the path of a given value is relative to.
+        where: start of error messages.
+        folder: folder that the path of a value in ``given`` is relative to.
 
     Raises:
         UnknownNameError: a setting or a controller is unknown.
         SamplingError: a setting is out of range.
-        FileFormatError: the value's file is not there.
+        FileFormatError: the value's file is missing.
     """
     known = known_settings(declared)
     for name in given:
@@ -101,18 +102,20 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
     for name in ("steps", "horizon"):
         value = settings[name]
         if not (value is None and name == "horizon") and (isinstance(value, bool) or not _whole(value)):
-            raise SamplingError(f"{where}: {name} is out of range - got {value!r}, expected a whole number, at least 1")
+            raise SamplingError(
+                f"{where}: {name} is out of range - got {value!r}, expected a whole number, at least 1; change it"
+            )
     for name, least in {"latency": 0.0, "payload": 0.0, "friction": 0.0, "plant_timestep": 1e-5}.items():
         value = settings[name]
         if value is None and name == "friction":
             continue
         if isinstance(value, bool) or not (isinstance(value, int | float) and value >= least):
             raise SamplingError(
-                f"{where}: {name} is out of range - got {value!r}, expected a number, at least {least:g}"
+                f"{where}: {name} is out of range - got {value!r}, expected a number, at least {least:g}; change it"
             )
     if not isinstance(settings["allow"], str):
         raise SamplingError(
-            f"{where}: allow is unusable - got {settings['allow']!r}, expected names, as 'terrain payload'"
+            f"{where}: allow is unusable - got {settings['allow']!r}, expected names, as 'terrain payload'; correct it"
         )
     spread_of(settings, where)
     options_of(declared, settings)
@@ -122,7 +125,7 @@ def complete(declared: Declared, given: Mapping[str, Any], where: str, folder: P
 
 
 def options_of(declared: Declared, settings: Mapping[str, Any], threads: int | None = None) -> Options:
-    """Return a controller's options: its class's defaults, changed by the file, changed by settings."""
+    """Return a controller's options: the defaults of its class, changed by those of the file, changed by settings."""
     kind = settings["controller"]
     if isinstance(declared.options, Mapping):
         for name in declared.options:
@@ -131,7 +134,7 @@ def options_of(declared: Declared, settings: Mapping[str, Any], threads: int | N
                     f"file '{declared.path}', options", "controller", str(name), declared.controllers
                 )
     changed: Any = declared.options if isinstance(declared.options, Options) else declared.options.get(kind, {})
-    if isinstance(changed, Options):  # what it leaves as it is, it leaves to the controller
+    if isinstance(changed, Options):  # only options that differ from the defaults of Options replace the controller's
         usual = Options()
         changed = {name: getattr(changed, name) for name in OPTIONS if getattr(changed, name) != getattr(usual, name)}
     own = {name: settings[name] for name in OPTIONS if name in settings}
@@ -153,7 +156,8 @@ def spread_of(settings: Mapping[str, Any], where: str) -> Spread:
         given = {} if given else dict.fromkeys(names, 0.0)
     if not isinstance(given, Mapping):
         raise SamplingError(
-            f"{where}: spread is unusable - got {given!r}, expected true, false or deviations by name: {names}"
+            f"{where}: spread is unusable - got {given!r}, expected true, false or deviations by name: {names}; "
+            "correct it"
         )
     for name in given:
         if name not in names:
@@ -162,11 +166,11 @@ def spread_of(settings: Mapping[str, Any], where: str) -> Spread:
 
 
 def value_of(declared: Declared, settings: Mapping[str, Any], where: str, folder: Path) -> str | None:
-    """Return the path of a value, absolute; None for none, and for controllers that use none.
+    """Return the absolute path of a value; None without a value, and for controllers that use none.
 
     Raises:
         FileFormatError: there is no such file.
-        SamplingError: a controller without a value is given one.
+        SamplingError: the settings have a value, but the controller uses none.
     """
     kind, given = settings["controller"], settings["value"]
     if given == NO_VALUE or (given is None and declared.value is None):
@@ -183,14 +187,14 @@ def value_of(declared: Declared, settings: Mapping[str, Any], where: str, folder
     path = (home / str(chosen)).resolve()
     if not path.exists():
         raise FileFormatError(
-            f"{where}: value '{path}' is not there - got no file, expected what `piaffe.sampling.value` saved; train "
+            f"{where}: value '{path}' is not there - got no file, expected a file written by Value.save; train "
             f"one, or pass '{NO_VALUE}'"
         )
     return str(path)
 
 
 def located(settings: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return settings whose value, relative to a folder, has its whole path."""
+    """Return settings with the absolute path of the value, which is relative to a folder in the given settings."""
     value = settings["value"]
     return {**settings, "value": None if value is None else str((folder / value).resolve())}
 
@@ -199,9 +203,9 @@ def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None
     """Return a controller and a plant.
 
     Args:
-        declared: what the file declares.
-        settings: complete ones.
-        threads: of roll-outs and evaluation.
+        declared: declarations of the file.
+        settings: settings returned by :func:`complete`.
+        threads: number of threads of roll-outs and evaluation.
 
     Raises:
         PiaffeError: the problem, the controller or the plant cannot be made.
@@ -212,12 +216,12 @@ def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None
     allow = settings["allow"].replace(",", " ").split()
     extra = {"value": settings["value"], "allow": allow} if kind.uses_value else {}
     controller = kind(problem, options_of(declared, settings, threads), reward=declared.reward, **extra)
-    controller.initial_memory()  # what it is made from is refused now, not at the first plan
+    controller.initial_memory()  # raises errors of options now, not in the first plan
     return Trial(controller, plant_of(controller.model, settings), settings, spread_of(settings, "settings"))
 
 
 def plant_of(model: Any, settings: Mapping[str, Any]) -> Any:
-    """Return the plant: the model at a finer step, with whatever differs from what the controller knows."""
+    """Return the plant: the model with a smaller step, and with the changes that the controller does not model."""
     from piaffe.models import payload
 
     changes: dict[str, Any] = {}

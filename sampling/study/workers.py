@@ -1,4 +1,4 @@
-"""Who runs the episodes of a study: processes here by default, or a Dask cluster."""
+"""The executors that run the episodes of a study: processes on this machine by default, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .trials import Trial, located, prepare
 DASK = "dask:"
 _last: dict[
     tuple[object, ...], Trial
-] = {}  # the last controller of this process: the seeds of a cell follow each other
+] = {}  # the last controller of this process, which is used for all seeds of a cell
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class FileTask:
 
     Args:
         spec: the file, and the problem's name.
-        folder: what paths in settings are relative to.
-        threads: of roll-outs.
+        folder: folder that paths in settings are relative to.
+        threads: number of threads of roll-outs.
     """
 
     spec: str
@@ -40,7 +40,7 @@ class FileTask:
     threads: int
 
     def __call__(self, case: Case) -> tuple[Episode, Mapping[str, Any]]:
-        """Return an episode and the controller's settings in numbers."""
+        """Return an episode and the numbers of the controller's settings."""
         trial = self._trial(case)
         controller = trial.controller
         known = {
@@ -61,16 +61,17 @@ class FileTask:
 
 @contextmanager
 def executor_of(kind: str, workers: int, threads: int) -> Iterator[Executor]:
-    """Give an executor.
+    """Return a context that yields an executor.
 
     Args:
-        kind: ``"process"``, or ``"dask:ADDRESS"`` of a scheduler, whose workers must be processes of one thread: CasADi
-            cannot build expressions in two threads at once.
-        workers: how many, but for Dask, where the cluster decides.
-        threads: of each worker's arithmetic.
+        kind: ``"process"``, or ``"dask:ADDRESS"`` with the address of a scheduler. Workers of Dask must be processes
+            with one thread: CasADi cannot build expressions in two threads at once.
+        workers: number of processes; not used for Dask.
+        threads: number of threads of linear algebra in each worker.
 
     Raises:
-        SamplingError: the kind is unknown, Dask is not installed or not reached, or its workers have several threads.
+        SamplingError: the kind is unknown, Dask is not installed or cannot be reached, or its workers have several
+            threads.
     """
     if kind == "process":
         with _environment(threads):
@@ -85,7 +86,7 @@ def executor_of(kind: str, workers: int, threads: int) -> Iterator[Executor]:
 
 
 def require_executor(kind: str) -> None:
-    """Raise SamplingError unless a kind of executor is known."""
+    """Raise SamplingError if a kind of executor is unknown."""
     if not (kind == "process" or kind.startswith(DASK)):
         raise SamplingError(
             f"study: executor is unknown - got '{kind}', expected 'process' or 'dask:ADDRESS'; choose one"
@@ -97,28 +98,29 @@ def _dask(address: str) -> Any:
         from distributed import Client
     except ImportError as error:
         raise SamplingError(
-            f"study: Dask is not here - got {error}, expected dask.distributed; pip install distributed, or use "
+            f"study: Dask cannot be imported - got {error}, expected dask.distributed; pip install distributed, or use "
             "--executor process"
         ) from error
     try:
         client = Client(address)
     except (OSError, ValueError) as error:
         raise SamplingError(
-            f"study: Dask's scheduler is not reached - got {error}, expected one at '{address}'; check the address"
+            f"study: Dask's scheduler cannot be reached - got {error}, expected one at '{address}'; check the address"
         ) from error
     most = max(client.nthreads().values(), default=1)
     if most > 1:
         client.close()
         raise SamplingError(
-            f"study: Dask's workers - got {most} threads in one, expected processes of one thread: CasADi cannot build "
-            "expressions in two at once; start them by 'dask worker ADDRESS --nworkers auto --nthreads 1'"
+            f"study: Dask's workers have several threads - got {most} in one, expected processes with one thread: "
+            "CasADi cannot build expressions in two threads at once; start them with "
+            "'dask worker ADDRESS --nworkers auto --nthreads 1'"
         )
     return client
 
 
 @contextmanager
 def _environment(threads: int) -> Iterator[None]:
-    """Let processes that start meanwhile do their linear algebra on so many threads."""
+    """Set the number of threads of linear algebra for processes that start within the context."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
     before = {name: os.environ.get(name) for name in names}
     os.environ.update(dict.fromkeys(names, str(threads)))
@@ -133,7 +135,7 @@ def _environment(threads: int) -> Iterator[None]:
 
 
 def _follow_parent() -> None:
-    """In a worker: leave Ctrl-C to the parent, and end when it is gone, however it ended."""
+    """In a worker: ignore Ctrl-C, which the parent handles, and exit when the parent has ended for any reason."""
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""Value functions: what controllers use where their horizon ends."""
+"""Value functions: the expected return after the end of a controller's horizon."""
 
 from .fingerprint import Entries as Entries
 from .fingerprint import differences as differences

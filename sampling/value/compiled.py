@@ -1,4 +1,4 @@
-"""The value network as C on threads, where a compiler works: what a plan waits for."""
+"""The value network in C on several threads, if a C compiler works."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from piaffe.codegen import c_library, pointer
 
 from .network import EPSILON, Network, Single
 
-_BLOCK = 48  # rows, as in the C text
-_SHARE = 128  # rows at least per thread: handing them over takes time too
+_BLOCK = 48  # rows; the same as BLOCK in network.c
+_SHARE = 128  # least number of rows per thread: to start a thread's work takes time, too
 
 
 def compiled_network(network: Network, *, threads: int | None = None) -> Callable[[ArrayLike], Single]:
-    """Return a network as a function of inputs (n, m) to values (n,), in C if that can be.
+    """Return a network as a function of inputs (n, m) to values (n,), in C if possible.
 
-    It is the network itself where no compiler works, or a hidden layer is no multiple of the processor's tile.
+    The function is the network itself (NumPy) if no compiler works, or if the size of a hidden layer is not a multiple
+    of the tile's size on this processor.
 
     Args:
         network: the network.
-        threads: that share the rows; one per core by default.
+        threads: number of threads that the rows are divided among; one per core by default.
     """
     library = _library()
     if library is None or not network.layers or any(size % library.piaffe_value_tile() for size in network.hidden):
@@ -36,12 +37,12 @@ def compiled_network(network: Network, *, threads: int | None = None) -> Callabl
 
 
 class CompiledNetwork:
-    """A network in C. Not to be called by several threads at once.
+    """A network in C. Only one thread may call it at a time.
 
     Args:
         network: the network.
-        library: with ``piaffe_value``.
-        threads: that share the rows.
+        library: compiled library with the function ``piaffe_value``.
+        threads: number of threads that the rows are divided among.
     """
 
     def __init__(self, network: Network, library: ct.CDLL, threads: int) -> None:

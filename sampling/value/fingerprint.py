@@ -1,8 +1,8 @@
-"""Fingerprints: what a value function was learnt for, in numbers that another process and machine can compare.
+"""Fingerprints: numbers that describe what a value function was learnt for, comparable between processes and machines.
 
-A user's functions are told apart by what they return: they are called with symbols in place of a model's quantities
-and evaluated at a few fixed points. Names, addresses and bytes of code do not enter, so a function may be renamed,
-moved or rewritten as long as it says the same; it does not matter on which terrain or robot the quantities are bound.
+A user's functions are compared by their results: each is called with symbols in place of a model's quantities, and
+evaluated at a few fixed points. Names, addresses and bytes of code have no effect. So a function may be renamed, moved
+or rewritten if its results stay the same. The terrain and the robot that the quantities are bound to have no effect.
 """
 
 from __future__ import annotations
@@ -41,23 +41,23 @@ from .inputs import ValueInputs, targets
 Array = NDArray[np.float64]
 Entries = dict[str, Any]
 
-TOLERANCE = 1e-6  # relative; numbers that differ by less are the same
+TOLERANCE = 1e-6  # relative and absolute; numbers that differ by less count as equal
 _SIDES: tuple[Literal["lower", "upper"], ...] = ("lower", "upper")
 _PROBES = 4  # points at which a function is evaluated
-_SETTLED = 10.0  # when commands no longer ramp [s]
-_INSTANTS = 8  # of a cycle, at which the motion's targets are compared
+_SETTLED = 10.0  # time after which commands are constant [s]
+_INSTANTS = 8  # times in a cycle at which the targets of the motion are compared
 _DIGITS = 10
-_LARGE = 1000  # entries of an array beyond which its digest stands for it (a height field)
+_LARGE = 1000  # an array with more entries than this (a height field) is replaced by its digest
 
 
 def fingerprint(nodes: Nodes, reward: Reward, options: Options, inputs: ValueInputs) -> Entries:
     """Return what a value function depends on, as JSON-able entries.
 
     Args:
-        nodes: of the problem.
-        reward: how cost becomes reward.
-        options: of the controller: γ₀ and the largest discounts count, the others do not.
-        inputs: what the value sees.
+        nodes: nodes of the problem.
+        reward: the reward as a function of the cost.
+        options: options of the controller; only γ₀ and the largest discounts are used.
+        inputs: inputs of the value function.
     """
     model = nodes.model
     terms = _terms(nodes)
@@ -79,7 +79,7 @@ def fingerprint(nodes: Nodes, reward: Reward, options: Options, inputs: ValueInp
 
 
 def differences(kept: Any, now: Any, path: str = "") -> list[tuple[str, Any, Any]]:
-    """Return where two fingerprints differ: (path of the entry, kept, now), parents of nothing but leaves."""
+    """Return the differences of two fingerprints: (path of the entry, kept, now), for entries without sub-entries."""
     if isinstance(kept, Mapping) and isinstance(now, Mapping):
         found = []
         for name in dict.fromkeys((*kept, *now)):
@@ -105,10 +105,10 @@ def _is_number(value: Any) -> bool:
 
 
 def plain(value: Any) -> Any:
-    """Return a frozen value of numbers, texts and such values, as JSON-able ones; infinities become texts.
+    """Return a value as numbers, strings, lists and dictionaries that JSON can hold; infinity and NaN become strings.
 
     Raises:
-        SamplingError: there is something in it whose numbers cannot be told.
+        SamplingError: the value contains an object that is not one of numbers, strings or frozen dataclasses of these.
     """
     if value is None or isinstance(value, bool | int | str):
         return value
@@ -132,13 +132,13 @@ def plain(value: Any) -> Any:
         own = {f.name: plain(getattr(value, f.name)) for f in fields(value) if f.name != "source"}
         return {"kind": type(value).__name__, **own}
     raise SamplingError(
-        f"fingerprint: a value has no numbers to compare - got {value!r}, expected numbers, texts or frozen "
-        "dataclasses of these; make it one"
+        f"fingerprint: a value has no numbers to compare - got {value!r}, expected numbers, strings or frozen "
+        "dataclasses of these; make it one of these"
     )
 
 
 def robot_entry(robot: Robot) -> Entries:
-    """Return a robot's names and what its links weigh and where they are."""
+    """Return the names of a robot's joints and feet, and the inertial parameters and placements of its links."""
     model = robot.model
     places = [np.concatenate([place.translation, place.rotation.ravel()]) for place in model.jointPlacements]
     frames = [model.frames[robot.frame_id(foot.frame)] for foot in robot.feet]
@@ -162,7 +162,7 @@ def robot_entry(robot: Robot) -> Entries:
 
 
 def _motion(nodes: Nodes) -> Entries:
-    """Return the phases, and the commands and heights that the path asks for once it has settled."""
+    """Return the phases, and the target commands and heights of the path after its commands are constant."""
     motion = nodes.problem.motion
     pieces = [
         {name: [_phase(nodes, phase) for phase in part] for name, part in (("once", p.once), ("cycle", p.cycle))}
@@ -193,7 +193,7 @@ def _phase(nodes: Nodes, phase: Phase) -> list[Any]:
 
 
 def _terms(nodes: Nodes) -> Entries:
-    """Return an entry per term by name; a term that is left out or binds nowhere has none."""
+    """Return one entry per term by name, without the terms that are left out or that no phase binds."""
     probes = _Probes(nodes)
     names: dict[str, int] = {}
     found = {}
@@ -236,7 +236,7 @@ def _scope(nodes: Nodes, term: Cost | Constraint) -> list[str]:
 
 
 class _Probes:
-    """A node whose quantities are symbols of their own, of the sizes that a problem's model gives them."""
+    """A node with one free symbol per quantity, of the size that the quantity has in the problem's model."""
 
     def __init__(self, nodes: Nodes) -> None:
         mode, model = nodes.mode, nodes.model
@@ -264,11 +264,11 @@ class _Probes:
         own = {e.element_hash() for each in bound for e in cs.symvar(each.value)}
         adopted = {p.label: p for p in map(find_parameter, cs.symvar(rows)) if p is not None}
         own |= {e.element_hash() for p in adopted.values() for e in cs.symvar(p)}
-        strange = [symbol.name() for symbol in cs.symvar(rows) if symbol.element_hash() not in own]
-        if strange:
+        unknown = [symbol.name() for symbol in cs.symvar(rows) if symbol.element_hash() not in own]
+        if unknown:
             raise SamplingError(
-                f"{term.where}: has symbols that are no quantities - got {strange}, expected what the function's "
-                "argument supplies, or an ocp.parameter; change it"
+                f"{term.where}: uses symbols that are not quantities - got {unknown}, expected quantities of the "
+                "function's argument, or an ocp.parameter; replace them"
             )
         evaluate = cs.Function("probe", [*(b.value for b in bound), *map(cs.SX, adopted.values())], [rows])
         numbers = [replaced.get(ParameterKey("parameter", label), p.value) for label, p in adopted.items()]
@@ -276,7 +276,7 @@ class _Probes:
 
 
 def _point(bound: Bound, probe: int) -> Array:
-    """Return numbers for a quantity that depend on its name and on the number of the probe alone."""
+    """Return numbers for a quantity, which depend only on its name and on the number of the probe."""
     digest = hashlib.sha256(f"{bound.quantity.path} {probe}".encode()).digest()
     values = np.random.default_rng(int.from_bytes(digest[:8], "big")).uniform(-1.0, 1.0, bound.value.numel())
     if bound.quantity.kind == "rotation":

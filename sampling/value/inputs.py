@@ -1,4 +1,4 @@
-"""Inputs of a value function: what of a node's state the value may depend on, wherever on the map the robot is."""
+"""Inputs of a value function: functions of the state and the targets at a node, independent of the place on the map."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from ..evaluators import EngineName, Rows, rows
 
 Array = NDArray[np.float64]
 
-_TINY = 1e-9  # under the root of a heading's length: it has none where the robot's nose points straight up
+_TINY = 1e-9  # avoids a division by zero: the heading has length zero if the robot's front points straight up
 
 
 @dataclass(frozen=True)
 class Targets:
-    """What the inputs know of the motion's path at a node, as expressions.
+    """Targets of the motion's path at a node that the inputs can use, as expressions.
 
     Args:
         heading: cosine and sine of the base's target yaw, (2, 1).
-        velocity: target velocity of the base in the axes of that heading, forwards and to the left, (2, 1) [m/s].
-        yaw_rate: (1, 1) [rad/s].
-        phase: cosine and sine of the motion's clock, which turns once per cycle, (2, 1).
-        position: target place of the base on the ground, (2, 1) [m].
+        velocity: target velocity of the base along that heading and to its left, (2, 1) [m/s].
+        yaw_rate: target yaw rate, (1, 1) [rad/s].
+        phase: cosine and sine of the gait phase angle, one revolution per cycle, (2, 1).
+        position: target position of the base on the ground, x and y, (2, 1) [m].
     """
 
     heading: cs.SX
@@ -46,11 +46,11 @@ _SIZES = {"heading": 2, "velocity": 2, "yaw_rate": 1, "phase": 2, "position": 2}
 
 @dataclass(frozen=True)
 class Feature:
-    """One input, or several under one name.
+    """One named group of inputs.
 
     Args:
-        name: unique among a value's inputs.
-        function: of a node's quantities and :class:`Targets`; rows that do not depend on control.
+        name: unique among the inputs of a value function.
+        function: function of a node's quantities and :class:`Targets` that returns rows independent of the control.
     """
 
     name: str
@@ -68,8 +68,8 @@ def _toward(heading: cs.SX, v: cs.SX) -> cs.SX:
 
 
 def _yaw_error(s: Any, r: Targets) -> Any:
-    nose = _axes(s)[:2, 0]
-    return _toward(r.heading, nose / cs.sqrt(cs.sumsqr(nose) + _TINY))
+    forward = _axes(s)[:2, 0]
+    return _toward(r.heading, forward / cs.sqrt(cs.sumsqr(forward) + _TINY))
 
 
 def _linear_velocity(s: Any, _: Targets) -> Any:
@@ -97,19 +97,19 @@ FEATURES = {
         Feature("position error", _position_error),
     )
 }
-"""The features that a value file may name. The normal of the ground below the feet and velocities are in body axes;
-heights are those above the terrain; yaw error is the cosine and sine of the yaw relative to the path's; position error
-is that on the ground, along and to the left of the path's heading."""
+"""The features that a value file can name. The normal of the ground below the feet and the velocities are in body axes.
+Heights are above the terrain. The yaw error is the cosine and sine of the yaw minus the target yaw. The position error
+is in the ground plane, along the target heading and to its left."""
 
 STANDARD = tuple(name for name in FEATURES if name != "position error")
 
 
 @dataclass(frozen=True)
 class ValueInputs:
-    """What a value function sees: features in order. None of them tells where on the map the robot is.
+    """Inputs of a value function: features in order. No feature depends on the absolute position.
 
     Args:
-        features: names of :data:`FEATURES`, or features of one's own.
+        features: names of :data:`FEATURES`, or the user's own features.
     """
 
     features: tuple[Feature, ...]
@@ -125,7 +125,7 @@ class ValueInputs:
 
     @classmethod
     def standard(cls, nodes: Nodes) -> ValueInputs:
-        """Return the usual inputs; with the error in position if the objective asks the base to be somewhere."""
+        """Return the default inputs, with the position error if the objective tracks the base's horizontal position."""
         follows = any(_tracks_place(k, term, nodes) for k, term in enumerate(nodes.terms) if isinstance(term, Cost))
         return cls((*STANDARD, "position error") if follows else STANDARD)
 
@@ -134,22 +134,22 @@ class ValueInputs:
         return {name: rows.numel() for name, rows in _expressions(self, mode)[2].items()}
 
     def labels(self, mode: LoweredMode) -> tuple[str, ...]:
-        """Return a name per row, (m,)."""
+        """Return the name of each row, (m,)."""
         spec = self.spec(mode)
         return tuple(f"{name} {i}" if size > 1 else name for name, size in spec.items() for i in range(size))
 
     def function(self, mode: LoweredMode) -> cs.Function:
-        """Return the inputs as a function (x, p) → rows; p is a mode's parameters and a node's targets.
+        """Return the inputs as a function (x, p) → rows; p contains the mode's parameters and the node's targets.
 
         Raises:
-            ProblemError: a feature depends on control, or fails.
+            ProblemError: a feature depends on the control, or raises an error.
             UnknownNameError: the model cannot supply a feature's quantity.
         """
         x, p, found = _expressions(self, mode)
         return cs.Function("value_inputs", [x, p], [cs.densify(cs.vertcat(*found.values()))], ["x", "p"], ["rows"])
 
     def bind(self, nodes: Nodes, engine: EngineName = "native", *, threads: int | None = None) -> BoundInputs:
-        """Return the inputs along a problem's nodes."""
+        """Return an object that evaluates the inputs at the nodes of a problem."""
         return BoundInputs(nodes, rows(self.function(nodes.mode), engine, threads=threads))
 
 
@@ -158,7 +158,7 @@ class BoundInputs:
 
     Args:
         nodes: the nodes.
-        rows: of :meth:`ValueInputs.function`.
+        rows: evaluator of :meth:`ValueInputs.function`.
     """
 
     def __init__(self, nodes: Nodes, rows: Rows) -> None:
@@ -174,11 +174,11 @@ class BoundInputs:
         return np.asarray(self._rows(states[:, None], None, self._numbers[k])[:, 0])
 
 
-_KEPT = 4096  # nodes whose numbers are kept
+_KEPT = 4096  # number of nodes whose parameters are kept in memory
 
 
 def targets(nodes: Nodes, k: int) -> Array:
-    """Return the numbers of :class:`Targets` at node k, (9,); neutral ones where the path has none."""
+    """Return the numbers of :class:`Targets` at node k, (9,); a target that the path lacks is zero or the identity."""
     sample = {quantity.path: np.asarray(value, dtype=float) for quantity, value in nodes.sample(k).items()}
     turned = rotation.np_matrix(sample.get(base.orientation.path, np.eye(4)[0]))[:2, 0]
     heading = turned / max(float(np.linalg.norm(turned)), _TINY)
@@ -191,9 +191,9 @@ def targets(nodes: Nodes, k: int) -> Array:
 
 
 def clock(nodes: Nodes, k: int) -> float:
-    """Return the motion's clock at node k [rad]: 0 where a cycle begins, a turn per cycle, running up to it before.
+    """Return the gait phase angle at node k [rad]: 0 at the start of a cycle, 2π per cycle, negative before the cycle.
 
-    Of a piece of motion without a cycle it is half a turn from start to end.
+    In a piece of motion without a cycle, the angle goes from 0 at the start to π at the end.
     """
     interval = nodes.interval(k)
     piece = nodes.problem.motion.pieces[interval.piece]
@@ -242,8 +242,8 @@ def _lower(inputs: ValueInputs, mode: LoweredMode) -> tuple[cs.SX, cs.SX, dict[s
         if any(symbol.element_hash() not in known for symbol in cs.symvar(value)):
             raise ProblemError(
                 f"{where}: depends on something else than state and targets - got an expression of "
-                f"{sorted({s.name() for s in cs.symvar(value)})}, expected none of control, contact force or a "
-                "parameter; change it"
+                f"{sorted({s.name() for s in cs.symvar(value)})}, expected no control, contact force or parameter; "
+                "remove it from the feature"
             )
         found[feature.name] = cs.densify(value)
     return x, p, found

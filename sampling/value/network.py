@@ -1,4 +1,4 @@
-"""The value network evaluated in NumPy: what a plan needs of it, without JAX."""
+"""The value network in NumPy, which evaluates it without JAX."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Layer:
     """A hidden layer, ``LayerNorm(ELU(x kernel + bias))``.
 
     Args:
-        kernel: (m, n).
+        kernel: weights, (m, n).
         bias: (n,).
-        scale: of the normalisation, (n,).
-        offset: of the normalisation, (n,).
+        scale: scale of the normalisation, (n,).
+        offset: offset of the normalisation, (n,).
     """
 
     kernel: Single
@@ -41,11 +41,11 @@ class Network:
     """V = softplus(head · LayerNorm(ELU(…)) + head_bias) of normalised inputs (x − mean) / std, in float32.
 
     Args:
-        mean: of the inputs, (m,).
-        std: of the inputs, (m,), positive.
+        mean: mean of the inputs, (m,).
+        std: standard deviation of the inputs, (m,), positive.
         layers: the hidden layers.
-        head: (n,).
-        head_bias: a number.
+        head: weights of the output layer, (n,).
+        head_bias: bias of the output layer.
     """
 
     mean: Single
@@ -65,7 +65,7 @@ class Network:
         return tuple(len(layer.bias) for layer in self.layers)
 
     def __call__(self, inputs: ArrayLike) -> Single:
-        """Return the values of inputs (n, m), (n,), none negative.
+        """Return the values of inputs (n, m), (n,), not negative.
 
         Raises:
             ShapeError: the inputs are not (n, m).
@@ -84,7 +84,7 @@ class Network:
 
     @property
     def folded(self) -> list[tuple[Single, Single]]:
-        """Kernel and bias of each layer and of the head, what is affine before them and means of rows included."""
+        """Kernel and bias of each layer and of the head, with the affine map before them and the mean folded in."""
         return list(zip(self._folded.kernels, self._folded.biases, strict=True))
 
     @cached_property
@@ -94,7 +94,7 @@ class Network:
     # ---- as flat arrays, for files
 
     def arrays(self) -> dict[str, Single]:
-        """Return everything as arrays by name."""
+        """Return all parameters as arrays by name."""
         flat = {"mean": self.mean, "std": self.std, "head": self.head}
         flat["head_bias"] = np.array([self.head_bias], dtype=np.float32)
         for i, layer in enumerate(self.layers):
@@ -103,7 +103,7 @@ class Network:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, ArrayLike]) -> Network:
-        """Return the network of what :meth:`arrays` gave."""
+        """Return the network with the arrays that :meth:`arrays` returned."""
         held = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in arrays.items()}
         count = sum(name.endswith("/kernel") for name in held)
         layers = tuple(Layer(**{name: held[f"{i}/{name}"] for name in _LAYER}) for i in range(count))
@@ -111,10 +111,11 @@ class Network:
 
 
 class _Folded:
-    """The network with everything affine folded into the next product, and work arrays kept per number of rows.
+    """The network with all affine maps folded into the next matrix product, and with work arrays that are kept.
 
-    A layer normalisation removes the mean of a row. It may as well be removed from the columns of the product that
-    follows; then 1 + ELU(x) = max(x + 1, exp(min(x, 0))) serves as well as ELU(x).
+    A layer normalisation subtracts the mean of a row. To subtract it from the columns of the next kernel instead gives
+    the same result. Then 1 + ELU(x) = max(x + 1, exp(min(x, 0))) gives the same result as ELU(x), because they differ
+    by a constant.
     """
 
     def __init__(self, network: Network) -> None:
@@ -140,7 +141,7 @@ class _Folded:
         n = len(inputs)
         if n not in self._work:
             pairs = [(np.empty((n, len(b)), np.float32), np.empty((n, len(b)), np.float32)) for b in self.biases[:-1]]
-            self._work = {n: pairs}  # of one size only: a planner asks for the same number of rows each time
+            self._work = {n: pairs}  # only one size is kept: a planner uses the same number of rows each time
         y, inverse = inputs, np.ones((n, 1), dtype=np.float32)
         for i, (z, e) in enumerate(self._work[n]):
             np.dot(y, self.kernels[i], out=z)

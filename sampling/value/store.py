@@ -1,4 +1,4 @@
-"""Value functions in one small file each, which says what it was learnt for and refuses to serve anything else."""
+"""Value functions and their files. A file contains what the value was learnt for; a different use raises an error."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ Array = NDArray[np.float64]
 Precision = Literal["half", "single"]
 
 FORMAT, VERSION = "piaffe-value", 1
-_EXACT = ("mean", "std", "head_bias")  # kept in single precision whatever the others are
+_EXACT = ("mean", "std", "head_bias")  # stored in single precision, even if the others are in half precision
 
 
 class Served(Protocol):
-    """What a value must fit of the controller that uses it."""
+    """The parts of a controller that a value is checked against."""
 
     @property
     def nodes(self) -> Nodes:
@@ -44,7 +44,7 @@ class Served(Protocol):
 
     @property
     def reward(self) -> Reward:
-        """How cost becomes reward."""
+        """Reward as a function of the cost."""
         ...
 
     @property
@@ -55,16 +55,16 @@ class Served(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Value:
-    """A value function: what a state is still going to return, V = E[γ₀ (1 − δ) (r + V')], never negative.
+    """A value function: the expected return from a state on, V = E[γ₀ (1 − δ) (r + V')], never negative.
 
-    A robot that has fallen has no value: :meth:`__call__` returns 0 there.
+    The value of a robot that has fallen is 0.
 
     Args:
-        network: V of inputs.
-        inputs: what it sees.
+        network: V as a function of the inputs.
+        inputs: inputs of the network.
         made_for: the fingerprint of what it was learnt for, see :mod:`piaffe.sampling.value.fingerprint`.
-        record: how it was learnt: options, figures, curves, ``constraints`` and their ``c_max``, the command that made
-            it; anything JSON-able.
+        record: how it was learnt: options, results, curves, ``constraints`` and their ``c_max``, the command that made
+            it; anything that JSON can hold.
         fall: ``tilt`` from the ground's normal [rad] and ``height`` [m] beyond which a robot has fallen; empty if it
             cannot fall.
     """
@@ -106,7 +106,7 @@ class Value:
         return float(self.made_for["discount"])
 
     def _fallen(self, seen: Array) -> NDArray[np.bool_]:
-        """Return which rows of inputs (n, m) are falls; what they do not tell is none."""
+        """Return which rows of inputs (n, m) are falls; a criterion whose input is missing is not used."""
         fallen, start = np.zeros(len(seen), dtype=bool), 0
         for name, size in self.made_for["inputs"].items():
             if name == "ground normal" and "tilt" in self.fall:
@@ -119,19 +119,19 @@ class Value:
     def check(
         self, nodes: Nodes, reward: Reward, options: Options, allow: Collection[str] = (), where: str = "value"
     ) -> None:
-        """Raise unless the value was learnt for what a controller does.
+        """Raise an error unless the value was learnt for the controller's problem, reward and options.
 
         Args:
-            nodes: of the controller's problem.
-            reward: how the controller makes reward of cost.
-            options: of the controller.
+            nodes: nodes of the controller's problem.
+            reward: the controller's reward.
+            options: options of the controller.
             allow: entries that may differ: ``"terrain"``, ``"payload"``, ``"motion.commands"``,
                 ``"objective.track base.height"``, …
-            where: for the message.
+            where: start of the error message.
 
         Raises:
-            SamplingError: an entry differs that is not allowed to; the message names it.
-            UnknownNameError: there is no entry of a name that is allowed to differ.
+            SamplingError: an entry differs that is not in ``allow``; the message names it.
+            UnknownNameError: ``allow`` has a name that is not an entry.
         """
         now = fingerprint(nodes, reward, options, self.inputs)
         allow = allow.replace(",", " ").split() if isinstance(allow, str) else allow
@@ -144,7 +144,7 @@ class Value:
         if found:
             path, kept, here = found[0]
             others = tuple(dict.fromkeys(each.split(".")[0] for each, _, _ in found))
-            use = f', or pass allow={others} (--allow "{" ".join(others)}") to use it all the same'
+            use = f', or pass allow={others} (--allow "{" ".join(others)}") to use it anyway'
             raise SamplingError(
                 f"{where}: was learnt for something else - got '{path}' {_brief(here)}, expected {_brief(kept)}"
                 f"{f' (and {len(found) - 1} more differ)' if len(found) > 1 else ''}; learn one for this problem"
@@ -152,14 +152,14 @@ class Value:
             )
 
     def save(self, path: str | os.PathLike[str], precision: Precision = "single") -> Path:
-        """Write the value to one file, which appears whole or not at all.
+        """Write the value to one file, in one atomic step.
 
         Args:
-            path: ending in ``.value``, which is added if it is missing.
-            precision: of the weights; half makes the file half as large and the values about 1e-3 less exact.
+            path: the file; ``.value`` is added if it is missing.
+            precision: precision of the weights; ``"half"`` halves the file's size, with errors of about 1e-3 in values.
 
         Returns:
-            Where it was written.
+            The path of the file.
         """
         target = Path(path)
         target = target if target.suffix == ".value" else target.with_name(target.name + ".value")
@@ -190,14 +190,14 @@ def load_value(
 
     Args:
         path: the file.
-        controller: what it is to serve; it is refused if it was learnt for something else. None to look at it only.
+        controller: the controller that will use it; the value is checked against it. None reads without a check.
         allow: entries that may differ, see :meth:`Value.check`.
-        features: inputs of one's own that it was learnt with.
+        features: the user's own features among the inputs.
 
     Raises:
-        FileFormatError: the file is no value file, is damaged, or was written by a newer version.
+        FileFormatError: the file is not a value file, is damaged, or was written by a newer version.
         SamplingError: the value was learnt for another robot, objective, reward, discount, …
-        UnknownNameError: it has an input that is not among the features.
+        UnknownNameError: it has an input that is not a known feature.
     """
     file = Path(path)
     header, arrays = _read(file)
@@ -210,9 +210,9 @@ def load_value(
 
 
 def digest(path: str | os.PathLike[str]) -> str:
-    """Return what tells the values of two files apart: what they were learnt for, and their numbers.
+    """Return a digest of a value file: of what the value was learnt for, and of its numbers.
 
-    How they came about is no part of it: the same learning may have been cut off and gone on with another command.
+    The record of the learning has no effect on it: an interrupted run that was resumed gives the same digest.
     """
     header, arrays = _read(Path(path))
     found = hashlib.sha256(json.dumps([header["made_for"], header["fall"]], sort_keys=True).encode())
@@ -229,8 +229,8 @@ def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:
                 "learn it again"
             )
         return FileFormatError(
-            f"value '{file}': is of another kind - got format {fault.format!r}, version {fault.version}, expected "
-            f"'{FORMAT}' up to version {VERSION}; update Piaffe or learn it again"
+            f"value '{file}': is not a value file that this version reads - got format {fault.format!r}, version "
+            f"{fault.version}, expected '{FORMAT}' up to version {VERSION}; update Piaffe or learn it again"
         )
 
     try:
@@ -245,7 +245,7 @@ def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
-    entry = zipfile.ZipInfo(name)  # dated 1980: the same value makes the same file
+    entry = zipfile.ZipInfo(name)  # with the date 1980, so that equal values give equal files
     entry.compress_type = zipfile.ZIP_DEFLATED
     return entry
 

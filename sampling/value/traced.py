@@ -1,4 +1,4 @@
-"""A value function for use within ``jit``."""
+"""A value function as JAX operations, for use within ``jit``."""
 
 from __future__ import annotations
 
@@ -20,42 +20,42 @@ Array = NDArray[np.float64]
 
 
 def traced_value(value: Any, mode: LoweredMode) -> Callable[[Any, Any], Any]:
-    """Return V of states (n, nx) and the numbers of their node, (n,), as JAX traces it; it is 0 where a robot lies.
+    """Return V as a function of states (n, nx) and the numbers of their node, traced by JAX; it is 0 after a fall.
 
     Args:
         value: a :class:`piaffe.sampling.value.Value`.
         mode: the lowered mode of the problem.
 
     Raises:
-        SamplingError: the value is something else, whose inside is not known.
+        SamplingError: the value is not a :class:`piaffe.sampling.value.Value`.
     """
     if not isinstance(value, Value):
         raise SamplingError(
-            f"device stage: value cannot be compiled - got {type(value).__name__}, expected a value that was learnt "
-            'with this package; choose engine="native"'
+            f"device stage: value cannot be compiled - got {type(value).__name__}, expected a value that Piaffe "
+            'learnt; choose engine="native"'
         )
     jnp = import_jax().numpy
     inputs, places = translate(value.inputs.function(mode)), _places(value)
 
-    def of(states: Any, numbers: Any) -> Any:
-        (seen,) = inputs(states, numbers)
-        lying = jnp.zeros(len(states), dtype=bool)
+    def values(states: Any, numbers: Any) -> Any:
+        (rows,) = inputs(states, numbers)
+        fallen = jnp.zeros(len(states), dtype=bool)
         if "ground normal" in places and "tilt" in value.fall:
-            lying |= seen[:, places["ground normal"] + 2] < np.cos(value.fall["tilt"])
+            fallen |= rows[:, places["ground normal"] + 2] < np.cos(value.fall["tilt"])
         if "base height" in places and "height" in value.fall:
-            lying |= seen[:, places["base height"]] < value.fall["height"]
-        return jnp.where(lying, 0.0, _network(value.network, seen))
+            fallen |= rows[:, places["base height"]] < value.fall["height"]
+        return jnp.where(fallen, 0.0, _network(value.network, rows))
 
-    return of
+    return values
 
 
 def numbers_of(nodes: Nodes, k: int) -> Array:
-    """Return what a value's inputs are told of node k besides the state."""
+    """Return the numbers of node k that the inputs of a value need besides the state: parameters and targets."""
     return np.concatenate([nodes.running(k, 1).p[0], targets(nodes, k)])
 
 
 def _places(value: Value) -> dict[str, int]:
-    """Return the first row of each input."""
+    """Return the index of the first row of each input."""
     sizes = value.made_for["inputs"]
     return dict(zip(sizes, np.cumsum([0, *sizes.values()]).tolist(), strict=False))
 

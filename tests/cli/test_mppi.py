@@ -68,7 +68,7 @@ def use(file: Path, name: str) -> None:
         ("problem", "is not a problem to sample - got 'solo12', expected one models.Mujoco"),
         ("trot", "name 'trot': is not a problem - got"),
         ("needs", "cannot be called without arguments - got 'height: float', expected a default"),
-        ("clashes", "argument 'steps' is named like a setting that is not the file's"),
+        ("clashes", "argument 'steps' has the name of a setting of Piaffe"),
         ("absent", "no problem 'absent' - got 'absent', expected one of ['problem'"),
     ],
 )

@@ -171,8 +171,8 @@ def test_dask_workers_of_several_threads_are_refused(
 
     monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client))
     for address, message in (
-        ("tcp://here:1", "Dask's workers - got 4 threads in one, expected processes of one thread"),
-        ("there", "Dask's scheduler is not reached - got no scheme in there, expected one at 'there'"),
+        ("tcp://here:1", "Dask's workers have several threads - got 4 in one, expected processes with one thread"),
+        ("there", "Dask's scheduler cannot be reached - got no scheme in there, expected one at 'there'"),
     ):
         assert main(["study", str(study_file), "--executor", f"dask:{address}"]) == 2
         assert message in " ".join(capsys.readouterr().err.split())

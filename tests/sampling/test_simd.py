@@ -274,7 +274,7 @@ def test_another_mujoco_is_noticed_before_use(monkeypatch, terrain):
 def test_trials_that_all_diverge_are_no_agreement(monkeypatch):
     model = simulated()
     lost = np.full((32, 37), np.nan), np.zeros((32, 3, 12))
-    monkeypatch.setattr(simd, "_about_the_grounds", lambda *args: lost)
+    monkeypatch.setattr(simd, "_states_in_contact", lambda *args: lost)
     with pytest.raises(DifferentError, match="0 of 32 trials finite"):
         SimdEngine(model)
 

@@ -1,9 +1,9 @@
-/* MuJoCo's step of a legged robot, PIAFFE_W samples at a time: smooth dynamics, limits of joints and balls that touch
-   planes and boxes, solved by projected Gauss-Seidel with elliptic cones, then Euler's step.
+/* MuJoCo's step of a legged robot, PIAFFE_W samples at a time: smooth dynamics, limits of joints and contacts of balls
+   with planes and boxes, solved by projected Gauss-Seidel with elliptic cones, then Euler's step.
 
-   Formulas and their order are those of MuJoCo 4.0, so states agree with its to rounding. A constraint is worked on if
-   it is active in one of the samples; in the others its force stays zero. This file is the roll-outs. The files that it
-   includes are compiled with it, as one unit. */
+   Formulas and their order are those of MuJoCo 4.0, so states agree with MuJoCo's up to rounding. A constraint is
+   computed if it is active in one of the samples; in the others its force is zero. This file contains the roll-outs.
+   The files that it includes are compiled with it, as one unit. */
 #include "simulate.h"
 
 #include "contacts.inc"
@@ -24,9 +24,10 @@ static void write(const struct memory *m, double *to, long pitch, int count)
 
 long piaffe_simulate_memory(void) { return (long)sizeof(struct memory); }
 
-/* Samples first to last - 1 of n, whose S controls u[n][S][NU] hold for `substeps` steps each: states[n][S + 1][NX],
-   whose first is set already. The first `lead` controls and the first state are the same for all samples, so that
-   these are simulated once. `at` is memory of this thread, aligned to vd. */
+/* Simulates samples first to last - 1 of n. Each of the S controls u[n][S][NU] is constant for `substeps` steps. The
+   first state of each sample in states[n][S + 1][NX] is an input, the others are outputs. If `lead` is positive, the
+   first state and the first `lead` controls are the same for all samples, and these steps are simulated once. `at` is
+   memory of this thread, aligned to vd. */
 void piaffe_simulate(const double *u, long steps, long substeps, long lead, long first, long last, double *states, void *at)
 {
     struct memory *m = at;

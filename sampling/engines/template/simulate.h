@@ -1,5 +1,5 @@
-/* What the files of the simulation share: the scene, the memory of a thread, and small functions of vectors. A vd holds
-   one number of PIAFFE_W samples. */
+/* Common parts of the simulation's files: the scene, the memory of a thread, and small functions of vectors. A vd
+   contains one number for each of PIAFFE_W samples. */
 #ifndef PIAFFE_SIMULATE_H
 #define PIAFFE_SIMULATE_H
 #include <string.h>
@@ -7,7 +7,7 @@
 #include "functions.h"
 
 #define TINY 1e-15       /* MuJoCo's mjMINVAL */
-#define NEGLIGIBLE 1e-10 /* the increase of cost that undoes an update, and what ends Newton's method for a friction force */
+#define NEGLIGIBLE 1e-10 /* an update that increases the cost by more is undone; also the tolerance of Newton's method for a friction force */
 
 struct soft { double stiffness, damping, start, end, width, middle, power, inverse_mass; };
 struct ground { int box; double place[3], axes[3][3], half[3]; };
@@ -20,7 +20,7 @@ struct limit { int dof; double lower, upper; struct soft soft; };
 #define ROWS (LIMITS + 3 * CONTACTS + 1)
 #define NX (NQ + NV)
 
-/* rows of one limit or contact */
+/* the rows of one limit or contact */
 struct group {
     int first, size, dof; /* rows; the degree of freedom whose chain the rows are over */
     vi active;
@@ -28,11 +28,11 @@ struct group {
 };
 
 struct memory {
-    vd q[NQ], v[NV], warm[NV], u[NU];                                                  /* what a step changes, and control */
+    vd q[NQ], v[NV], warm[NV], u[NU];                                                  /* state, warm start and control */
     vd unit[NQ], factor[FACTORS], inverse[NV], acceleration[NV], centre[3 * BALLS + 1], moves[MOVES + 1];
     vd jacobian[ROWS][CHAIN], half[ROWS][CHAIN], scaled[ROWS][CHAIN];                  /* J, J L^-1, J L^-1 D^-1 */
     vd softness[ROWS], reference[ROWS], residual[ROWS], force[ROWS], a[ROWS][ROWS];    /* R, a_ref, b, f, J M^-1 J' + R */
-    vd before[ROWS], begun[ROWS];                                                      /* f a sweep ago, and when it began */
+    vd before[ROWS], begun[ROWS];                                                      /* f before the last sweep and at the start of this one */
     struct group groups[GROUPS + 1];
     int num_groups, num_rows;
     vd work[smooth_SZ_W + 1];

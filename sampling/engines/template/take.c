@@ -1,10 +1,10 @@
-/* What MuJoCo's loop wrote, into states: of every sample the times and states after its steps, of which every n-th is
-   the end of a control's. */
+/* Copies the results of MuJoCo's loop, times and states after each step of the simulator, to an array with the states
+   at the end of each control. */
 #include <string.h>
 
-#define LANES 4 /* sums side by side: the compiler may not reorder one */
+#define LANES 4 /* parallel sums, because the compiler may not change the order of a single sum */
 
-/* a number that is not one if a number among them is not finite */
+/* 0 if all numbers are finite, else NaN */
 static double oddness(const double *at, long count)
 {
     double sums[LANES] = {0.0}, rest = 0.0;
@@ -30,8 +30,8 @@ static double squares(const double *at, long count)
 }
 
 /* simulated: n samples of steps * every rows (time, nq positions, nv speeds); states: the first of those to write, its
-   samples a pitch apart. A sample is suspect if its last time is not beyond due, a position is not finite, or its
-   speeds of all steps together are above the limit of one. */
+   samples `pitch` apart. A sample is suspect if its last time is not beyond `due`, a position is not finite, or the norm
+   of the velocities of all its steps is above `limit`, the limit of one velocity. */
 void piaffe_take(const double *simulated, long n, long steps, long every, long nq, long nv, double due, double limit,
                  double *states, long pitch, unsigned char *suspect)
 {
@@ -49,5 +49,5 @@ void piaffe_take(const double *simulated, long n, long steps, long every, long n
     }
 }
 
-/* for MuJoCo to ask in place of its clock */
+/* MuJoCo calls this function instead of its clock */
 double piaffe_no_time(void) { return 0.0; }

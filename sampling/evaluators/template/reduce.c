@@ -1,9 +1,9 @@
-/* Reductions of violations, which lie row by row, each row step by step: c[i * row + s * step + j] of sample j. */
+/* Reductions of violations. The violation of row i at step s in sample j is c[i * row + s * step + j]. */
 #include <stddef.h>
 
-#define BLOCK 64 /* samples at a time: what is being reduced stays in registers */
+#define BLOCK 64 /* samples at a time, so that the partial results are in registers */
 
-/* largest[i] of row i at the given steps; NaN counts as no violation, as in fmax */
+/* largest[i]: largest violation of row i over all steps and samples; NaN counts as no violation, as in fmax */
 void piaffe_maxima(const double *c, long rows, long row, long steps, long step, long n, double *largest)
 {
     for (long i = 0; i < rows; i++) {
@@ -23,7 +23,7 @@ void piaffe_maxima(const double *c, long rows, long row, long steps, long step, 
     }
 }
 
-/* delta[s * n + j] = max over i of min(c_ij slope_is, share_is), and not below zero */
+/* delta[s * n + j] = max over i of min(c_isj slope_is, share_is), at least zero */
 void piaffe_discount(const double *c, long rows, long row, long steps, long step, long n, const double *slope,
                      const double *share, double *restrict delta)
 {

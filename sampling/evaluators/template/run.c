@@ -1,9 +1,10 @@
-/* A function with SIMD over samples: for each step, its shared inputs once, then PIAFFE_W samples at a time. */
+/* Evaluates a function with SIMD over samples: for each step, it copies the shared inputs once, then evaluates PIAFFE_W
+   samples at a time. */
 #include <string.h>
 
 #include "run.h"
 
-/* k-th number of lane l: row[l][k] */
+/* number k of the sample in lane l: row[l][k] */
 static void gather(const struct input *in, long step, long first, int count, vd *restrict to)
 {
     const double *row[PIAFFE_W];

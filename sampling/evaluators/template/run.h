@@ -1,4 +1,4 @@
-/* Functions with SIMD over samples, and over steps. */
+/* Evaluation of functions with SIMD over samples, for many steps. */
 #ifndef PIAFFE_RUN_H
 #define PIAFFE_RUN_H
 
@@ -22,7 +22,8 @@ struct output {
     int size;
 };
 
-/* Samples first to last - 1 at all steps. memory is aligned to vd and has room for inputs, outputs and work. */
+/* Evaluates samples first to last - 1 at all steps. memory is aligned to vd and has the size of inputs, outputs and
+   work together. */
 void run(function f, int num_in, const struct input *in, int num_out, const struct output *out, long steps, long first,
          long last, double *memory);
 

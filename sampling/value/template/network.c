@@ -1,17 +1,17 @@
-/* The value network on a block of rows after the other, in single precision.
+/* Evaluates the value network in single precision, block by block of rows.
 
-   Everything affine is folded into kernels and biases, see network.py: a layer is
+   All affine maps are folded into kernels and biases, see network.py. A layer is
        y = max(z + 1, exp(min(z, 0))),  z = (x kernel) * inverse + bias,
-   with inverse = 1 / standard deviation of x's row (1 in the first layer); the row's mean is gone from the kernel.
-   Kernels lie in tiles of TILE columns, each [row of the kernel][column of the tile]. */
+   with inverse = 1 / standard deviation of x's row (1 in the first layer). The kernel is such that the row's mean
+   has no effect. Kernels are stored in tiles of TILE columns, each [row of the kernel][column of the tile]. */
 #include <math.h>
 #include <string.h>
 
 #define LANES (2 * PIAFFE_W)
 #define TILE (2 * LANES)
-#define BLOCK 48 /* rows whose numbers stay in the cache; a multiple of ROWS */
+#define BLOCK 48 /* rows whose numbers fit in the processor's cache; a multiple of ROWS */
 
-/* rows that share what is loaded of a kernel: as many as leave their sums in registers, of which there are 32 or 16 */
+/* rows computed with each load from a kernel: as many as keep their sums in registers, of which there are 32 or 16 */
 #if defined(__AVX512F__) || defined(__aarch64__)
 #define ROWS 8
 #define EACH_ROW(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
@@ -27,14 +27,14 @@ int piaffe_value_tile(void) { return TILE; }
 
 static inline vec all(float a) { return a - (vec){0}; }
 
-/* a where the mask is set, else b: C has no ?: of vectors */
+/* a where the mask is set, else b: C has no ?: for vectors */
 static inline vec choose(whole mask, vec a, vec b) { return (vec)((mask & (whole)a) | (~mask & (whole)b)); }
 
-/* exp of numbers that are not positive; NaN stays */
+/* exp of numbers that are not positive; exp_of(NaN) is NaN */
 static inline vec exp_of(vec x)
 {
     x = choose(x < -87.0f, all(-87.0f), x);
-    const vec magic = all(12582912.0f); /* adding it rounds to a whole number */
+    const vec magic = all(12582912.0f); /* adding and subtracting it rounds to an integer */
     vec n = (x * 1.44269504088896341f + magic) - magic;
     vec r = (x - n * 0.693359375f) + n * 2.12194440e-4f;
     vec p = all(1.9875691500e-4f);
@@ -62,7 +62,7 @@ static inline float sum(vec v)
     return s;
 }
 
-/* ROWS rows times a tile, and what follows; sums of the outputs and of their squares are added to */
+/* The outputs of ROWS rows for one tile; adds the outputs to `total` and their squares to `square` */
 static void tile(const float *x, int inputs, const float *kernel, const float *bias, const float *inverse, float *y,
                  int outputs, vec *total, vec *square)
 {
@@ -89,7 +89,7 @@ static void tile(const float *x, int inputs, const float *kernel, const float *b
     EACH_ROW(END)
 }
 
-/* sizes: of the inputs and of each hidden layer; work: 2 BLOCK times the largest of them */
+/* sizes: sizes of the inputs and of each hidden layer; work: 2 BLOCK times the largest of them */
 void piaffe_value(const float *inputs, long rows, int layers, const int *sizes, float *const *kernels,
                   float *const *biases, const float *head, float head_bias, float epsilon, float *work, int largest,
                   float *values)
