@@ -44,6 +44,10 @@ def sampled(method: Method, xp: Any, plan: Any, noise: Any, stage: Stage, memory
     _require_shape(method, "sample", "samples", tried, noise.shape)
     if xp is np:
         require_finite(method, "sample", "samples", tried)
+        samples = np.empty((len(tried) + 1, *plan.shape))  # what follows, without copies
+        np.clip(tried, -1.0, 1.0, out=samples[:-1])
+        samples[:, 0], samples[-1] = plan[0], plan
+        return samples
     free = xp.concatenate([xp.clip(tried[:, 1:], -1.0, 1.0), plan[None, 1:]])
     return xp.concatenate([xp.broadcast_to(plan[0], (len(free), 1, plan.shape[1])), free], axis=1)
 

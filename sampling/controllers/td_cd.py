@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Collection
+from os import PathLike
 from typing import Any, ClassVar
 
+from piaffe.ocp import Problem
+
 from ..options import Options
+from ..reward import Reward
 from . import reduce
 from .dial import DIAL
 from .discount import ConstraintDiscount, discounted_return
-from .stage import Memory, Rolled
+from .stage import Memory, Rolled, TerminalValue
 
 
 class TDCDMPPI(DIAL):
@@ -21,16 +25,37 @@ class TDCDMPPI(DIAL):
 
     The moving maxima of the violations, by which δ is scaled, are what it remembers. Without a value, the reward of
     terms ``at="end"`` takes its place, if there are any.
+
+    Args:
+        problem: as for :class:`Sampler`.
+        options: see :class:`Options`.
+        reward: how cost becomes reward.
+        value: V, or the file that holds it; None for none.
+        allow: what may differ between this controller and the one that the value was learned from, as ``("terrain",)``;
+            see :meth:`piaffe.sampling.value.Value.check`.
+        **changed: single options.
+
+    Raises:
+        SamplingError: the value was learned for another robot, objective, reward or discount.
+        UnknownNameError: ``p_max`` names a constraint that is not there.
     """
 
     title: ClassVar[str] = "TD-CD-MPPI"
     defaults: ClassVar[Options] = Options(samples=512)
     uses_value: ClassVar[bool] = True
 
-    @cached_property
-    def discount(self) -> ConstraintDiscount:
-        """How violations become discounts."""
-        return ConstraintDiscount.of(self.constraints, self.options)
+    def __init__(
+        self,
+        problem: Problem,
+        options: Options | None = None,
+        *,
+        reward: Reward | None = None,
+        value: TerminalValue | str | PathLike[str] | None = None,
+        allow: Collection[str] = (),
+        **changed: Any,
+    ) -> None:
+        super().__init__(problem, options, reward=reward, value=value, allow=allow, **changed)
+        self.discount = ConstraintDiscount.of(self.constraints, self.options)
 
     def initial_memory(self) -> Memory:
         """Return the moving maxima before the first batch."""

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp, sampling
-from piaffe.errors import ModelError, ProblemError, SamplingError, ShapeError
+from piaffe.errors import ModelError, PiaffeError, ProblemError, SamplingError, ShapeError
 from piaffe.models import base, feet, joints
 from piaffe.sampling.controllers.td_cd import TDCDMPPI
 
@@ -259,6 +259,11 @@ def test_an_episodes_actions_are_plans_of_the_state_at_the_steps_start(trot, lat
 
 
 # ---- what is refused
+
+
+def test_a_share_for_no_constraint_is_refused_when_the_controller_is_made(trot):
+    with pytest.raises(PiaffeError, match="p_max: no constraint 'hight'"):
+        sampling.TDCDMPPI(trot, samples=4, p_max={"hight": 0.1})
 
 
 def of_terms(trot, *costs, constraints=()):
