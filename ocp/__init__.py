@@ -62,10 +62,9 @@ from .language import Values as Values
 from .language import When as When
 from .language import by_phase as by_phase
 from .language import call as call
-from .language import candidates as candidates
 from .language import column as column
-from .language import does_not_run as does_not_run
 from .language import equality as equality
+from .language import file_error as file_error
 from .language import find_parameter as find_parameter
 from .language import group as group
 from .language import inequality as inequality
@@ -77,12 +76,13 @@ from .language import model_of as model_of
 from .language import numbers_of as numbers_of
 from .language import parameter as parameter
 from .language import placed_phases as placed_phases
+from .language import problem_names as problem_names
 from .language import regularize as regularize
 from .language import reset as reset
 from .language import residual as residual
 from .language import rotation as rotation
-from .language import run as run
-from .language import split as split
+from .language import run_file as run_file
+from .language import split_spec as split_spec
 from .language import track as track
 from .reports import BOUNDS as BOUNDS
 from .reports import ConstraintReport as ConstraintReport

@@ -37,11 +37,11 @@ from .piece import PlacedPhase as PlacedPhase
 from .piece import Reference as Reference
 from .piece import placed_phases as placed_phases
 from .problem import Problem as Problem
-from .problem_file import candidates as candidates
-from .problem_file import does_not_run as does_not_run
+from .problem_file import file_error as file_error
 from .problem_file import load_problem as load_problem
-from .problem_file import run as run
-from .problem_file import split as split
+from .problem_file import problem_names as problem_names
+from .problem_file import run_file as run_file
+from .problem_file import split_spec as split_spec
 from .quantity import Bound as Bound
 from .quantity import Quantity as Quantity
 from .quantity import QuantityGroup as QuantityGroup

@@ -27,15 +27,15 @@ def load_problem(spec: str, *, quiet: bool = False) -> Problem:
         ProblemError: there is no such file, it does not run, or the object of that name is not a problem.
     """
     with redirect_stdout(sys.stderr) if quiet else nullcontext():
-        return _load(*split(spec))
+        return _load(*split_spec(spec))
 
 
 def _load(path: Path, name: str) -> Problem:
     from .problem import Problem
 
-    module = run(path)
+    module = run_file(path)
     if not hasattr(module, name):
-        raise UnknownNameError(f"file '{path}'", "problem", name, candidates(module))
+        raise UnknownNameError(f"file '{path}'", "problem", name, problem_names(module))
     found = getattr(module, name)
     if callable(found):
         try:
@@ -43,7 +43,7 @@ def _load(path: Path, name: str) -> Problem:
         except PiaffeError:
             raise
         except Exception as error:
-            raise does_not_run(path, error) from error
+            raise file_error(path, error) from error
     if not isinstance(found, Problem):
         raise ProblemError(
             f"file '{path}', name '{name}': is not a problem - got {type(found).__name__}, expected an ocp.Problem or "
@@ -52,7 +52,7 @@ def _load(path: Path, name: str) -> Problem:
     return found
 
 
-def candidates(module: ModuleType) -> list[str]:
+def problem_names(module: ModuleType) -> list[str]:
     """Return the names that may be problems: problems, then objects that the file defines; all names if none are."""
     from .problem import Problem
 
@@ -62,7 +62,7 @@ def candidates(module: ModuleType) -> list[str]:
     return list(dict.fromkeys(problems + own)) or list(names)
 
 
-def split(spec: str) -> tuple[Path, str]:
+def split_spec(spec: str) -> tuple[Path, str]:
     """Return file and name of ``FILE[:name]``."""
     path, colon, name = spec.rpartition(":")
     if colon and name.isidentifier():
@@ -70,7 +70,7 @@ def split(spec: str) -> tuple[Path, str]:
     return Path(spec), "problem"
 
 
-def run(path: Path) -> ModuleType:
+def run_file(path: Path) -> ModuleType:
     """Return a Python file as a module; it can import the files in its folder, as a script can."""
     if not path.is_file():
         raise ProblemError(
@@ -92,7 +92,7 @@ def run(path: Path) -> ModuleType:
     except PiaffeError:
         raise
     except Exception as error:
-        raise does_not_run(path, error) from error
+        raise file_error(path, error) from error
     except SystemExit as error:
         raise ProblemError(
             f"file '{path}': exits when imported - got sys.exit({error.code!r}), expected a problem; move the code of "
@@ -101,7 +101,7 @@ def run(path: Path) -> ModuleType:
     return module
 
 
-def does_not_run(path: Path, error: Exception) -> ProblemError:
+def file_error(path: Path, error: Exception) -> ProblemError:
     """Return an error that names the line of the file that failed."""
     line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
     for frame in traceback.extract_tb(error.__traceback__):

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from piaffe.errors import PiaffeError, ProblemError, UnknownNameError
-from piaffe.ocp import Problem, candidates, does_not_run, run, split
+from piaffe.ocp import Problem, file_error, problem_names, run_file, split_spec
 
 from ..controllers import CONTROLLERS, Sampler
 from ..options import Options
@@ -64,7 +64,7 @@ class Declared:
         except PiaffeError:
             raise
         except Exception as error:
-            raise does_not_run(self.path, error) from error
+            raise file_error(self.path, error) from error
         if not isinstance(problem, Problem):
             raise ProblemError(
                 f"file '{self.path}', name '{self.name}': is not a problem - got {type(problem).__name__}, expected an "
@@ -93,13 +93,13 @@ def load_declared(spec: str, *, quiet: bool = False) -> Declared:
     Raises:
         ProblemError: there is no such file, it raises an error, or a name in it has a value of the wrong kind.
     """
-    path, name = split(spec)
+    path, name = split_spec(spec)
     with redirect_stdout(sys.stderr) if quiet else nullcontext():
-        module = run(path)
+        module = run_file(path)
     if not spec.endswith(f":{name}"):
         name = next((known for known in NAMES if hasattr(module, known)), name)
     if not hasattr(module, name):
-        if not (known := candidates(module)):
+        if not (known := problem_names(module)):
             raise ProblemError(
                 f"file '{path}': has no problem - got no ocp.Problem, nor a function that returns one, expected "
                 f"'{NAMES[0]}'; declare it"
