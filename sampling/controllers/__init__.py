@@ -1,4 +1,4 @@
-"""Sampling controllers: a base class, and MPPI, DIAL-MPC and TD-CD-MPPI on it."""
+"""Sampling controllers: a base class, and its subclasses MPPI, DIAL-MPC and TD-CD-MPPI."""
 
 from .base import Sampler as Sampler
 from .dial import DIAL as DIAL

@@ -1,4 +1,4 @@
-"""The base of every sampler: a receding horizon on roll-outs, in which three methods are called."""
+"""The base class of every sampler: receding-horizon control with roll-outs, which calls three methods of a subclass."""
 
 from __future__ import annotations
 
@@ -37,40 +37,41 @@ Array = NDArray[np.float64]
 
 
 class Sampler:
-    """A sampling controller. A subclass says how it samples, what roll-outs return, and how the plan is updated.
+    """A sampling controller. A subclass defines the samples, the returns of roll-outs and the update of the plan.
 
-    The problem's schedule is ``model.over(H dt, dt)``. Steps 0 … H are simulated: control 0 is the one that is being
-    applied while the plan is made, so it is not perturbed, and H are free. Controls are nodes of a spline in halves of
-    their range about its centre [DIAL-MPC]. A plan is made in stages, each of them:
+    The problem's schedule is ``model.over(H dt, dt)``. Steps 0 … H are simulated. Control 0 is applied while the plan
+    is computed, so it is not perturbed; the other H controls are free. A plan consists of the nodes of a spline of the
+    controls; each control's range is scaled to [-1, 1] [DIAL-MPC]. A plan is computed in stages. Each stage has four
+    steps:
 
-    1. :meth:`sample`: plans to try; they are clipped, and the plan as it was is one more, the last one;
-    2. roll-outs, their costs and violations;
-    3. :meth:`returns`: a number for each roll-out; failed ones get the worst;
-    4. :meth:`update`: the new plan.
+    1. :meth:`sample` returns plans to try. They are clipped, and the current plan is added as the last sample.
+    2. The samples are rolled out, and their costs and violations are evaluated.
+    3. :meth:`returns` gives each roll-out a number. Failed roll-outs get the lowest one.
+    4. :meth:`update` returns the new plan.
 
-    The three methods get ``xp``, which is ``numpy`` or, on ``engine="mjx"``, ``jax.numpy``: there they are traced and
-    compiled with all the rest. So they are pure: what lasts from stage to stage is in ``memory``, which comes in and
-    goes out, and arrays are not changed in place.
+    The three methods get ``xp``, which is ``numpy`` or, with ``engine="mjx"``, ``jax.numpy``; then they are traced and
+    compiled together with the whole stage. So they must be pure functions: they do not change arrays in place, and data
+    for later stages are in ``memory``, which is an argument and a result.
 
     Args:
-        problem: the declaration; its schedule is one MuJoCo model.
-        options: see :class:`Options`; the class's ``defaults`` unless given.
-        reward: how cost becomes reward.
-        value: what roll-outs are still going to return after their last state: a function, a value or its file. For
+        problem: the problem; its schedule is one MuJoCo model.
+        options: see :class:`Options`; the ``defaults`` of the class by default.
+        reward: the reward as a function of the cost.
+        value: the return after the last state of a roll-out: a function, a value or the path of its file. Only for
             samplers with ``uses_value``.
-        allow: what may differ between this controller and the one that the value was learned from, as ``("terrain",)``;
-            see :meth:`piaffe.sampling.value.Value.check`.
+        allow: entries that may differ between this controller and the one that the value was learnt for, as
+            ``("terrain",)``; see :meth:`piaffe.sampling.value.Value.check`.
         **changed: single options, as ``samples=512``.
 
     Attributes:
-        title: what tables and figures call it; the class's name unless given.
-        defaults: its options.
+        title: its name in tables and figures; the name of the class by default.
+        defaults: its default options.
         uses_value: whether its returns use ``rolled.value``.
 
     Raises:
         SamplingError: a method is missing, an option is out of range, the model has no range of controls, or the value
-            was learned for something else.
-        ProblemError: the problem is not one that can be sampled.
+            was learnt for something else.
+        ProblemError: the problem cannot be sampled.
     """
 
     title: ClassVar[str] = "Sampler"
@@ -121,53 +122,53 @@ class Sampler:
         self._drawing = ThreadPoolExecutor(1)
         self.reset()
 
-    # ---- what a sampler says
+    # ---- methods of a subclass
 
     def initial_memory(self) -> Memory:
-        """Return what is remembered at first: arrays by name, whose names and shapes stay; nothing by default."""
+        """Return the initial memory: arrays by name, whose names and shapes do not change; empty by default."""
         return {}
 
     def sample(self, xp: Any, plan: Any, noise: Any, stage: Stage, memory: Memory) -> Any:
-        """Return the plans to try, (N, knots + 1, nu), in halves of the controls' range.
+        """Return the plans to try, (N, knots + 1, nu), scaled to [-1, 1].
 
-        What is beyond ±1 is clipped, and node 0 is replaced by that of the plan.
+        Numbers beyond ±1 are clipped, and node 0 is replaced by node 0 of the plan.
 
         Args:
             xp: ``numpy`` or ``jax.numpy``.
-            plan: the plan so far, (knots + 1, nu).
+            plan: the current plan, (knots + 1, nu).
             noise: standard normal numbers, (N, knots + 1, nu), zero at node 0.
-            stage: which stage this is, with the deviations of the options' schedule.
-            memory: what is remembered.
+            stage: index of the stage, and the deviations of the options' schedule.
+            memory: memory of the sampler.
         """
         raise NotImplementedError
 
     def returns(self, xp: Any, rolled: Rolled, memory: Memory) -> tuple[Any, Memory]:
-        """Return the return of every roll-out, (n,), more is better, and what is remembered.
+        """Return the return of every roll-out, (n,), to be maximised, and the memory.
 
         Args:
             xp: ``numpy`` or ``jax.numpy``.
-            rolled: the roll-outs; n = N + 1, the last one is that of the plan.
-            memory: what is remembered.
+            rolled: the roll-outs; n = N + 1, the last one is that of the current plan.
+            memory: memory of the sampler.
         """
         raise NotImplementedError
 
     def update(self, xp: Any, samples: Any, returns: Any, memory: Memory) -> tuple[Any, Any, Memory]:
-        """Return the new plan (knots + 1, nu), the weight of every sample (n,), and what is remembered.
+        """Return the new plan (knots + 1, nu), the weight of every sample (n,), and the memory.
 
-        Weights say how much each sample counts, and sum up to one; they are for reports.
+        A weight is the share of a sample in the new plan; the sum of the weights is one. They are only for reports.
 
         Args:
             xp: ``numpy`` or ``jax.numpy``.
-            samples: what was rolled out, (n, knots + 1, nu); the last one is the plan so far.
-            returns: of the roll-outs, (n,), finite: failed ones have the worst.
-            memory: what is remembered.
+            samples: plans that were rolled out, (n, knots + 1, nu); the last one is the current plan.
+            returns: returns of the roll-outs, (n,), finite; failed roll-outs have the lowest one.
+            memory: memory of the sampler.
         """
         raise NotImplementedError
 
-    # ---- what samplers share
+    # ---- for subclasses
 
     def mean_reward(self, rolled: Rolled) -> Any:
-        """Return the mean reward of every roll-out, (n,); terms ``at="end"`` count as one step more."""
+        """Return the mean reward of every roll-out, (n,); terms ``at="end"`` count as one more step."""
         rewards = self.reward(rolled.cost)
         if rolled.last is None:
             return rewards.mean(axis=1)
@@ -177,14 +178,14 @@ class Sampler:
 
     @property
     def memory(self) -> Memory:
-        """What the sampler remembers, as the last plan left it."""
+        """The memory of the sampler after the last plan."""
         return self.initial_memory() if self._memory is None else self._memory
 
     def reset(self, seed: int | None = None) -> None:
-        """Forget the last plan and all that is remembered, and begin the perturbations anew."""
+        """Delete the last plan and the memory, and restart the random numbers of the perturbations."""
         shape = (self.options.samples, self.options.knots + 1, len(self._centre))
         self._noise = Noise(self.options.seed if seed is None else seed, shape, self._drawing)
-        self._plan: Array | None = None  # nodes (knots + 1, nu) in halves of the range
+        self._plan: Array | None = None  # nodes (knots + 1, nu), scaled to [-1, 1]
         self._memory: Memory | None = None
         self._time = 0.0
 
@@ -193,17 +194,17 @@ class Sampler:
 
         Args:
             x: state (nx,), finite.
-            t: time since the motion's start [s]; in multiples of dt unless ``shift="elapsed"``.
+            t: time since the motion's start [s]; a multiple of dt unless ``shift="elapsed"``.
 
         Raises:
             ShapeError: the state has the wrong size.
-            SamplingError: the state or the time is not finite, or the time negative or no multiple of dt; or a method
-                of the sampler returns a wrong shape or NaN.
+            SamplingError: the state or the time is not finite, the time is negative or not a multiple of dt, or a
+                method of the sampler returns a wrong shape or NaN.
         """
         start = horizon.checked_state(x, self.model)
         if not 0.0 <= t < float("inf"):
             raise SamplingError(
-                f"plan: time is out of range - got {t!r}, expected seconds since the motion's start; pass those"
+                f"plan: time is out of range - got {t!r}, expected seconds since the motion's start; correct it"
             )
         k = round(t / self.dt)
         first = self._plan is None
@@ -234,25 +235,25 @@ class Sampler:
         return self.problem.initial
 
     def hold(self, x: Array) -> Array:
-        """Return the control that holds the joints where they are, (nu,); no torque where controls are torques."""
+        """Return the control that holds the joints at their positions, (nu,); zero if the controls are torques."""
         if self.model.action.quantity == joints.target:
             return np.asarray(x[self.model.state.slices[joints.position]])
         return np.zeros_like(self._centre)
 
     def judge(self, states: Array, actions: Array, t: float) -> Judgement:
-        """Return cost, reward and violations of what happened.
+        """Return cost, reward and violations of a part of an episode.
 
         Args:
             states: (T, nx), ``dt`` apart.
             actions: (T, nu).
-            t: time of the first [s].
+            t: time of the first state [s].
         """
         numbers = self.nodes.running(round(t / self.dt), len(actions))
         cost, violation = self.score(states[None], actions[None], numbers)
         return Judgement(cost[0].copy(), self.reward(cost[0]), violation[:, 0].copy(), self.constraints)
 
     def place(self, t: float) -> Array:
-        """Return where the reference wants the base at a time [s], x and y, (2,) [m]."""
+        """Return the base's target position at a time [s], x and y, (2,) [m]."""
         return np.asarray(self.nodes.sample(round(t / self.dt))[base.position], dtype=float)[:2]
 
     def score(self, states: Array, controls: Array, numbers: NodeNumbers) -> tuple[Array, Array]:
@@ -261,25 +262,25 @@ class Sampler:
         Args:
             states: (n, S, nx).
             controls: (n, S, nu).
-            numbers: of the S nodes.
+            numbers: parameters, weights and masks of the S nodes.
         """
         return self.evaluator.stage(states, controls, numbers.p, numbers.weight, numbers.g_mask, numbers.h_mask)
 
     # ---- from plan to plan
 
     def _first_guess(self, start: Array) -> Array:
-        """Return the plan that holds the joints where they are, or no torque."""
+        """Return the plan that holds the joints at their positions, or has no torque."""
         held = self.hold(start)
         return np.tile(np.clip((held - self._centre) / self._half, -1.0, 1.0), (self.options.knots + 1, 1))
 
     def _shifted(self, plan: Array, t: float) -> Array:
-        """Return the last plan, seen from time t [s]."""
+        """Return the last plan, shifted to start at time t [s]."""
         if self.options.shift == "elapsed":
             return horizon.moved(self.spline, plan, (t - self._time) / self.dt)
         return horizon.moved_by_steps(self.spline, plan, t, self._time, self.dt)
 
     def _controls(self, plans: Array) -> Array:
-        """Return controls in the model's units, (n, H + 1, nu), within their range."""
+        """Return the controls of plans in the model's units, (n, H + 1, nu), within their range."""
         return self.spline.controls(plans, self._centre, self._half)
 
     def _report(self, t: float, staged: Staged, seconds: dict[str, float]) -> Plan:
@@ -300,8 +301,8 @@ class Sampler:
         )
 
     def _missed(self, staged: Staged) -> dict[str, float]:
-        """Return the mean violation of each constraint by weight, of its worst row in every step."""
-        names, rows = np.array(self.constraints), staged.rolled.violation.transpose(0, 2, 1)  # as they lie in memory
+        """Return the violation of each constraint's worst row: mean over steps, weighted mean over samples."""
+        names, rows = np.array(self.constraints), staged.rolled.violation.transpose(0, 2, 1)  # the order in memory
         return {
             name: float(np.mean(rows[names == name].max(axis=0) @ staged.weights))
             for name in dict.fromkeys(self.constraints)

@@ -1,4 +1,4 @@
-"""The three methods of a sampler, called and looked at: what they return has the right shapes and no NaN."""
+"""Calls of the three methods of a sampler, with checks that their results have the right shapes and no NaN."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ METHODS: Mapping[str, str] = {
 }
 """The methods of a sampler: arguments and results."""
 
-_SUM = 1e-3  # how far the sum of weights may be from one; single precision and thousands of samples make 1e-4
+_SUM = 1e-3  # largest error of the sum of weights; in single precision, thousands of samples give 1e-4
 
 
 def require_methods(kind: type, base: type) -> None:
-    """Raise SamplingError unless a class has all three methods of its own or of a class between it and ``base``."""
+    """Raise SamplingError unless a class, or a class between it and ``base``, defines all three methods."""
     for name, form in METHODS.items():
         if getattr(kind, name) is getattr(base, name):
             raise SamplingError(
@@ -32,13 +32,13 @@ def require_methods(kind: type, base: type) -> None:
             )
 
 
-# ---- calling them
+# ---- calls of the methods
 
 
 def sampled(method: Method, xp: Any, plan: Any, noise: Any, stage: Stage, memory: Memory) -> Any:
-    """Return the samples of a stage (N + 1, knots + 1, nu): what the sampler tries, and the plan itself.
+    """Return the samples of a stage (N + 1, knots + 1, nu): those of the sampler, and the current plan.
 
-    Samples are within the controls' range. Node 0 is being applied, so it is that of the plan.
+    Samples are clipped to the controls' range. Node 0 is that of the plan, because its control is applied already.
     """
     tried = _called(method, "sample", xp, plan, noise, stage, memory)
     _require_shape(method, "sample", "samples", tried, noise.shape)
@@ -53,7 +53,7 @@ def sampled(method: Method, xp: Any, plan: Any, noise: Any, stage: Stage, memory
 
 
 def returned(method: Method, xp: Any, rolled: Rolled, memory: Memory) -> tuple[Any, Memory]:
-    """Return what the sampler says that roll-outs return, (n,), and its memory."""
+    """Return the sampler's returns of the roll-outs, (n,), and its memory."""
     found, kept = _parts(method, "returns", _called(method, "returns", xp, rolled, memory), 2)
     _require_shape(method, "returns", "returns", found, rolled.failed.shape)
     _require_memory(method, "returns", kept, memory)
@@ -70,54 +70,56 @@ def updated(method: Method, xp: Any, samples: Any, returns: Any, memory: Memory)
 
 
 def settled(xp: Any, returns: Any, failed: Any) -> tuple[Any, Any]:
-    """Return returns with the worst one in place of those of failed roll-outs, and which failed; 0 if all did."""
+    """Return the returns, with the lowest one for failed roll-outs (0 if all failed), and which roll-outs failed."""
     failed = failed | ~xp.isfinite(returns)
     worst = xp.where(failed.all(), 0.0, xp.min(xp.where(failed, xp.inf, returns)))
     return xp.where(failed, worst, returns), failed
 
 
 def unexplained(xp: Any, returns: Any, rolled: Rolled) -> Any:
-    """Return which returns are not finite though all that they were made from is, (n,)."""
+    """Return which returns are not finite although cost, end cost and value of the roll-out are finite, (n,)."""
     sound = ~rolled.failed & xp.isfinite(rolled.cost).all(axis=1)
     for part in (rolled.last, rolled.value):
         sound = sound if part is None else sound & xp.isfinite(part)
     return sound & ~xp.isfinite(returns)
 
 
-# ---- looking at what they returned
+# ---- checks of the results
 
 
 def require_explained(method: Method, odd: NDArray[np.bool_]) -> None:
-    """Raise SamplingError if some returns are not finite without a reason, (n,)."""
+    """Raise SamplingError if returns are not finite without a reason; see :func:`unexplained`, (n,)."""
     if odd.any():
         raise SamplingError(
             f"{_name(method)}: returns are not finite - got NaN or infinity for {int(odd.sum())} of {len(odd)} "
-            "roll-outs whose costs are finite, expected numbers; look for divisions by zero and logarithms in returns"
+            "roll-outs whose costs are finite, expected numbers; check divisions and logarithms in returns"
         )
 
 
 def require_sound(method: Method, staged: Staged) -> None:
-    """Raise SamplingError unless plan, weights and memory of a stage are finite and weights are shares of one."""
+    """Raise SamplingError unless plan and memory of a stage are finite, and the weights are not negative with sum 1."""
     require_finite(method, "update", "plan", staged.plan)
     weights = np.asarray(staged.weights)
     if not (np.all(weights >= 0.0) and abs(float(weights.sum()) - 1.0) < _SUM):
         raise SamplingError(
-            f"{_name(method)}: update, weights are no shares - got a sum of {float(weights.sum()):g} and a least one "
-            f"of {float(weights.min()):g}, expected numbers that are not negative, with the sum 1; divide by their sum"
+            f"{_name(method)}: update, weights are no shares - got the sum {float(weights.sum()):g} and the minimum "
+            f"{float(weights.min()):g}, expected numbers that are not negative, with the sum 1; divide by their sum"
         )
     for name, kept in staged.memory.items():
         require_finite(method, "memory", f"'{name}'", kept)
 
 
 def require_finite(method: Method, where: str, what: str, values: Any) -> None:
-    """Raise SamplingError if an array has NaN or infinity."""
+    """Raise SamplingError if an array contains NaN or infinity."""
     numbers = np.asarray(values)
     with np.errstate(invalid="ignore", over="ignore"):
         total = np.sum(numbers)
-    if not np.isfinite(total) and (count := int(np.sum(~np.isfinite(numbers)))):  # one pass where all is well
+    if not np.isfinite(total) and (
+        count := int(np.sum(~np.isfinite(numbers)))
+    ):  # only one pass if all numbers are finite
         raise SamplingError(
             f"{_name(method)}: {where}, {what} not finite - got NaN or infinity in {count} of {numbers.size} numbers, "
-            f"expected none; look for divisions by zero and roots of negative numbers in {where}"
+            f"expected none; check divisions and square roots in {where}"
         )
 
 
@@ -126,12 +128,12 @@ def _name(method: Method) -> str:
 
 
 def _called(method: Method, where: str, xp: Any, *given: Any) -> Any:
-    """Return what a method returns; within ``jit`` say by name what of it cannot be traced."""
+    """Return the result of a method; if JAX cannot trace the method, raise an error that names it."""
     if xp is np:
         return getattr(method, where)(xp, *given)
     try:
         return getattr(method, where)(xp, *given)
-    except (TypeError, IndexError) as error:  # what JAX raises for values that are not known yet
+    except (TypeError, IndexError) as error:  # errors of JAX for a Python operation on traced values
         raise SamplingError(
             f"{_name(method)}: {where} cannot be compiled by JAX - got {str(error).splitlines()[0]}, expected "
             "functions of xp on arrays, without if and without assignments in place; use xp.where and xp.sort, or "
@@ -143,7 +145,7 @@ def _parts(method: Method, where: str, found: Any, count: int) -> tuple[Any, ...
     if not (isinstance(found, tuple) and len(found) == count):
         got = f"{len(found)} values" if isinstance(found, tuple) else type(found).__name__
         raise SamplingError(
-            f"{_name(method)}: {where} gives something else - got {got}, expected {count} values; write "
+            f"{_name(method)}: {where} has a wrong result - got {got}, expected {count} values; write "
             f"`{METHODS[where]}`"
         )
     return found
@@ -152,15 +154,15 @@ def _parts(method: Method, where: str, found: Any, count: int) -> tuple[Any, ...
 def _require_shape(method: Method, where: str, what: str, found: Any, expected: tuple[int, ...]) -> None:
     got = () if isinstance(found, int | float) else getattr(found, "shape", None)
     if got != tuple(expected):
-        said = type(found).__name__ if got is None else str(tuple(got))
+        shown = type(found).__name__ if got is None else str(tuple(got))
         raise SamplingError(
-            f"{_name(method)}: {where}, {what} have the wrong shape - got {said}, expected {tuple(expected)}; return "
+            f"{_name(method)}: {where}, {what} have the wrong shape - got {shown}, expected {tuple(expected)}; return "
             "an array of this shape"
         )
 
 
 def _require_memory(method: Method, where: str, found: Any, before: Memory) -> None:
-    """Raise SamplingError unless what is remembered has the names and shapes that it had."""
+    """Raise SamplingError unless the names and shapes in the memory are the same as before."""
     if not isinstance(found, Mapping) or set(found) != set(before):
         got = sorted(found) if isinstance(found, Mapping) else type(found).__name__
         raise SamplingError(

@@ -1,4 +1,4 @@
-"""A stage of a plan as one function on the device: nothing but the plan and what is reported leaves it."""
+"""A stage of a plan as one compiled function on the device. Only the plan and the data for reports are copied back."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ Array = NDArray[np.float64]
 
 
 class DeviceStage:
-    """The same stage as :class:`HostStage`, compiled as one: samples, roll-outs, cost, value, returns and update.
+    """The stage of :class:`HostStage` as one compiled function: samples, roll-outs, cost, value, returns and update.
 
-    The methods of the sampler are traced with ``xp = jax.numpy``. The first call of a size compiles for it, which takes
-    a minute. Parts cannot be timed, so all of it is ``roll_out``.
+    The methods of the sampler are traced with ``xp = jax.numpy``. The first call of each size compiles code for it,
+    which takes a minute. Parts cannot be timed separately, so the whole time counts as ``roll_out``.
 
     Args:
-        controller: one with ``engine="mjx"``.
+        controller: a controller with ``engine="mjx"``.
 
     Raises:
-        SamplingError: the controller's engine is another one, or its value has no form in JAX.
+        SamplingError: the controller has another engine, or its value cannot be compiled by JAX.
     """
 
     def __init__(self, controller: Staging) -> None:
@@ -61,17 +61,17 @@ class DeviceStage:
         numbers: NodeNumbers,
         seconds: Seconds,
     ) -> Staged:
-        """Return a stage's plan and what it was made from, as arrays of NumPy; the memory stays on the device.
+        """Return a stage's plan, roll-outs and weights as arrays of NumPy; the memory remains on the device.
 
         Args:
             start: state (nx,).
-            plan: the plan so far, nodes (knots + 1, nu) in halves of the controls' range.
+            plan: the current plan, nodes (knots + 1, nu), scaled to [-1, 1].
             noise: standard normal numbers (N, knots + 1, nu), zero at node 0.
-            stage: which stage this is.
-            memory: what the sampler remembers.
+            stage: index and deviations of the stage.
+            memory: memory of the sampler.
             k: index of the first node.
-            numbers: of nodes k … k + H.
-            seconds: what the stage took is added to it.
+            numbers: parameters, weights and masks of nodes k … k + H.
+            seconds: computing times; the time of the stage is added to them.
 
         Raises:
             SamplingError: a method returns a wrong shape or NaN, or cannot be traced.
@@ -103,7 +103,7 @@ class DeviceStage:
     # ---- on the device
 
     def _stage(self, given: dict[str, Any], index: Any, count: Any, k: Any) -> tuple[Staged, Any]:
-        """Return a stage, and which returns are not finite without a reason, (n,)."""
+        """Return the result of a stage, and which returns are not finite without a reason, (n,)."""
         jax, jnp, own = self._jax, self._jax.numpy, self._controller
         memory, plan = given["memory"], given["plan"]
         stage = Stage(index, count, given["deviation"])

@@ -1,4 +1,4 @@
-"""DIAL-MPC: MPPI whose perturbations shrink from stage to stage and towards the horizon's start."""
+"""DIAL-MPC: MPPI with perturbations that decrease from stage to stage and towards the start of the horizon."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .mppi import MPPI
 class DIAL(MPPI):
     """Diffusion-inspired annealing [DIAL-MPC]: MPPI with the annealing schedule of ``Options.noise``.
 
-    What differs from :class:`MPPI` is in its defaults alone: deviations fall by β₂ per node towards the horizon's
-    start and by β₁ per stage, and the first plan takes ten stages.
+    It differs from :class:`MPPI` only in its defaults: deviations are multiplied by β₂ per node towards the start of
+    the horizon and by β₁ per stage, and the first plan has ten stages.
     """
 
     title: ClassVar[str] = "DIAL-MPC"

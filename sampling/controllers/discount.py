@@ -1,4 +1,4 @@
-"""Constraint discounting: violations shorten how far ahead a roll-out collects reward."""
+"""Constraint discounting: violations reduce the weights of later rewards in a roll-out."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _P_MAX = 0.25  # of constraints that a mapping does not name
 class ConstraintDiscount:
     """δ = max_i p_i clip(c_i / c_i^max, 0, 1) of violations c_i ≥ 0, with moving maxima [TD-CD-MPPI, eq. 7 and 8].
 
-    The maximum of each row follows that of the batch, ``c_max ← τ ĉ + (1 − τ) c_max``, and begins with the first
-    batch. It is never below a floor: without one, the smaller the violations the more they would count.
+    The maximum of each row is updated by that of each batch, ``c_max ← τ ĉ + (1 − τ) c_max``; the first batch sets it.
+    It is at least ``floor``: without this limit, very small violations would get the full discount, too.
 
-    Maxima are remembered in a mapping: ``maxima``, (nc,), and ``batches``, how many they have followed.
+    The memory contains ``maxima``, (nc,), and ``batches``, the number of batches so far.
 
     Args:
         p_max: largest discount of each row, (nc,).
         rate: τ.
-        floor: least maximum.
+        floor: lower limit of the maxima.
     """
 
     p_max: Array
@@ -45,11 +45,11 @@ class ConstraintDiscount:
         """Return the discount of rows.
 
         Args:
-            constraints: name of the constraint that each row belongs to, (nc,).
-            options: with ``p_max``, ``violation_rate`` and ``violation_floor``.
+            constraints: name of the constraint of each row, (nc,).
+            options: options; ``p_max``, ``violation_rate`` and ``violation_floor`` are used.
 
         Raises:
-            UnknownNameError: ``p_max`` names a constraint that is not there.
+            UnknownNameError: ``p_max`` has the name of an unknown constraint.
         """
         return cls(_shares(constraints, options.p_max), options.violation_rate, options.violation_floor)
 
@@ -62,13 +62,13 @@ class ConstraintDiscount:
         return namespace(memory["maxima"]).maximum(memory["maxima"], self.floor)
 
     def follow(self, memory: Memory, largest: Any) -> Memory:
-        """Return the maxima after they have followed those of a batch, (nc,)."""
+        """Return the memory after an update by the maxima of a batch, (nc,)."""
         before, batches = memory["maxima"], memory["batches"]
         rate = namespace(largest).where(batches > 0, self.rate, 1.0)
         return {"maxima": before + rate * (largest - before), "batches": batches + 1}
 
     def delta(self, violation: Any, memory: Memory) -> Any:
-        """Return δ of violations (nc, ...), of the shape of one row."""
+        """Return δ of violations (nc, ...), with the shape of one row."""
         steps = violation if violation.ndim == 3 else violation.reshape(len(violation), 1, -1)
         return reduce.discount(steps, self.maxima(memory), self.p_max).reshape(violation.shape[1:])
 

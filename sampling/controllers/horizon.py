@@ -1,4 +1,4 @@
-"""The receding horizon: how long it is, from which state it begins, and how a plan moves on with time."""
+"""The receding horizon: its length, its initial state, and the shift of a plan in time."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ Array = NDArray[np.float64]
 
 
 def simulated(problem: Problem) -> Mujoco:
-    """Return the MuJoCo model that a problem is scheduled on; raise SamplingError if it is another one."""
+    """Return the MuJoCo model of a problem's schedule; raise SamplingError if the schedule has another model."""
     segment = problem.schedule.segments[0]
     if not isinstance(segment.model, Mujoco):
         raise SamplingError(
             f"schedule ({segment.source}): its model cannot be rolled out - got {type(segment.model).__name__} "
-            f"'{segment.model.name}', expected models.Mujoco(robot); schedule one"
+            f"'{segment.model.name}', expected models.Mujoco(robot); use one in the schedule"
         )
     return segment.model
 
 
 def steps_of(problem: Problem, dt: float) -> int:
-    """Return H of a problem's schedule; raise SamplingError if it has none."""
+    """Return H of a problem's schedule; raise SamplingError if its duration is not fixed."""
     segment = problem.schedule.segments[0]
     if segment.duration is None:
         raise SamplingError(
@@ -37,7 +37,7 @@ def steps_of(problem: Problem, dt: float) -> int:
 
 
 def checked_state(x: ArrayLike, model: Mujoco) -> Array:
-    """Return a state (nx,) as an array; raise if it has another size, or is not finite."""
+    """Return a state (nx,) as an array; raise an error if it has another size or is not finite."""
     start: Array = np.asarray(x, dtype=float)
     nx = model.state.nx
     if start.shape != (nx,):
@@ -47,19 +47,21 @@ def checked_state(x: ArrayLike, model: Mujoco) -> Array:
     if not np.all(np.isfinite(start)):
         bad = np.flatnonzero(~np.isfinite(start)).tolist()
         raise SamplingError(
-            f"plan: state is not finite - got NaN or infinity at entries {bad}, expected numbers; look at what "
-            "measured it"
+            f"plan: state is not finite - got NaN or infinity at entries {bad}, expected finite numbers; check "
+            "the state estimate"
         )
     return start
 
 
 def moved(spline: Spline, plan: Array, elapsed: float) -> Array:
-    """Return a plan some steps later, by the spline that goes on beyond its end; the centre of the range if too late.
+    """Return a plan shifted by some steps, with the spline extrapolated beyond its end.
+
+    If the shift is negative or longer than the plan, all nodes are the centre of the range.
 
     Args:
-        spline: from nodes to controls.
-        plan: nodes (knots + 1, nu) in halves of the controls' range.
-        elapsed: steps, not always whole.
+        spline: map from nodes to controls.
+        plan: nodes (knots + 1, nu), scaled to [-1, 1].
+        elapsed: number of steps, not always an integer.
     """
     if not 0 <= elapsed <= spline.steps + 1:
         return np.zeros_like(plan)
@@ -68,17 +70,17 @@ def moved(spline: Spline, plan: Array, elapsed: float) -> Array:
 
 
 def moved_by_steps(spline: Spline, plan: Array, t: float, before: float, dt: float) -> Array:
-    """Return a plan whole steps later: its controls from then on, and the centre of their range at the end.
+    """Return a plan shifted by a whole number of steps; the new controls at its end are the centre of their range.
 
     Args:
-        spline: from nodes to controls.
-        plan: nodes (knots + 1, nu) in halves of the controls' range.
-        t: time now [s].
+        spline: map from nodes to controls.
+        plan: nodes (knots + 1, nu), scaled to [-1, 1].
+        t: current time [s].
         before: time of the plan [s].
-        dt: of a step [s].
+        dt: duration of a step [s].
 
     Raises:
-        SamplingError: that is not a whole number of steps, or it is negative.
+        SamplingError: the number of steps is not an integer, or is negative.
     """
     count = round((t - before) / dt)
     if count < 0 or not is_same_time(count * dt, t - before):

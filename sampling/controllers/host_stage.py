@@ -1,4 +1,4 @@
-"""A stage of a plan on the CPU engines, in NumPy, with the time that each part takes."""
+"""A stage of a plan in NumPy with an engine on the CPU, with the time of each part."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ Seconds = dict[str, float]
 
 
 class HostStage:
-    """Sample, roll out, evaluate, and update, with an engine and an evaluator on the processor.
+    """Samples, roll-outs, evaluation and update, with an engine and an evaluator on the CPU.
 
     Args:
-        controller: its methods are called with ``xp = numpy``; its engine and value may be replaced.
+        controller: the controller; its methods are called with ``xp = numpy``. Its engine and value may be replaced.
     """
 
     def __init__(self, controller: Staging) -> None:
@@ -40,17 +40,17 @@ class HostStage:
         numbers: NodeNumbers,
         seconds: Seconds,
     ) -> Staged:
-        """Return a stage's plan and what it was made from.
+        """Return a stage's plan, roll-outs, weights and memory.
 
         Args:
             start: state (nx,).
-            plan: the plan so far, nodes (knots + 1, nu) in halves of the controls' range.
+            plan: the current plan, nodes (knots + 1, nu), scaled to [-1, 1].
             noise: standard normal numbers (N, knots + 1, nu), zero at node 0.
-            stage: which stage this is.
-            memory: what the sampler remembers.
+            stage: index and deviations of the stage.
+            memory: memory of the sampler.
             k: index of the first node.
-            numbers: of nodes k … k + H.
-            seconds: what each part took is added to it.
+            numbers: parameters, weights and masks of nodes k … k + H.
+            seconds: computing times by part; those of the stage are added to them.
 
         Raises:
             SamplingError: a method returns a wrong shape or NaN.
@@ -92,7 +92,7 @@ class HostStage:
 
 
 def lap(seconds: Seconds, part: str, began: float) -> float:
-    """Add the time since ``began`` to a part, and return now."""
+    """Add the time since ``began`` to a part, and return the current time."""
     now = time.perf_counter()
     seconds[part] += now - began
     return now

@@ -1,4 +1,4 @@
-"""Model predictive path integral control: perturb a plan, roll out, and average by weight."""
+"""Model predictive path integral control: perturb a plan, roll out, and compute a weighted mean."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ..options import Options
 from .base import Sampler
 from .stage import Memory, Rolled, Stage
 
-_SPREAD = 1e-6  # least standard deviation of returns; equal returns weigh the same
+_SPREAD = 1e-6  # least standard deviation of returns, so that equal returns get equal weights
 
 
 class MPPI(Sampler):
-    """MPPI: the mean of the samples by weight, on the spline and in the stages that :class:`Sampler` describes.
+    """MPPI: the plan is the weighted mean of the samples; :class:`Sampler` describes the spline and the stages.
 
-    1. samples: the plan's nodes but the first, perturbed by the schedule of ``Options.noise``;
-    2. R_n = the mean reward of roll-out n;
+    1. The samples are the plan with perturbations of all nodes except the first, by the schedule of ``Options.noise``.
+    2. R_n is the mean reward of roll-out n.
     3. plan ← Σ w_n samples_n with w = softmax((R − R_best) / (λ std R)).
     """
 
@@ -32,14 +32,14 @@ class MPPI(Sampler):
         return self.mean_reward(rolled), memory
 
     def update(self, xp: Any, samples: Any, returns: Any, memory: Memory) -> tuple[Any, Any, Memory]:
-        """Return the mean of the samples by weight, and the weights."""
+        """Return the weighted mean of the samples, the weights, and the memory."""
         weights = softmax(returns, self.options.temperature)
         plan = xp.einsum("n,ni->i", weights, samples.reshape(len(samples), -1)).reshape(samples.shape[1:])
         return plan, weights, memory
 
 
 def softmax(returns: Any, temperature: float) -> Any:
-    """Return weights exp((R − R_best) / (λ std R)) that sum to one, (n,); equal returns weigh the same."""
+    """Return weights exp((R − R_best) / (λ std R)) with the sum one, (n,); equal returns get equal weights."""
     xp = namespace(returns)
     spread = xp.maximum(xp.std(returns), _SPREAD)
     weights = xp.exp((returns - xp.max(returns)) / (temperature * spread))

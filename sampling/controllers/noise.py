@@ -1,4 +1,4 @@
-"""Perturbations: normal numbers, and the standard deviations of a plan's nodes, stage by stage."""
+"""Perturbations: standard normal numbers, and the standard deviations of a plan's nodes in each stage."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 
 
 def deviations(options: Options, stage: int, stages: int) -> Array:
-    """Return the standard deviation of every node at a stage, (n + 1,), in halves of a control's range.
+    """Return the standard deviation of every node in a stage, (n + 1,), in units of half a control's range.
 
     Args:
-        options: with the schedule, ``noise``.
-        stage: i, from 0.
-        stages: how many there are in this plan.
+        options: options; ``noise`` is the schedule.
+        stage: index i of the stage, from 0.
+        stages: number of stages of this plan.
     """
     back = options.knots - np.arange(options.knots + 1.0)
     if options.noise == "factors":
@@ -28,12 +28,12 @@ def deviations(options: Options, stage: int, stages: int) -> Array:
 
 
 class Noise:
-    """Standard normal numbers, array after array, each drawn in a thread of its own while the last one is being used.
+    """A sequence of arrays of standard normal numbers. A thread computes the next array while the last one is used.
 
     Args:
         seed: equal seeds give equal numbers.
-        shape: of an array, (N, knots + 1, nu); node 0, which is being applied, has zeros.
-        pool: of one thread.
+        shape: shape of each array, (N, knots + 1, nu); node 0 is zero, because its control is applied already.
+        pool: a pool with one thread.
     """
 
     def __init__(self, seed: int, shape: tuple[int, int, int], pool: ThreadPoolExecutor) -> None:
@@ -41,7 +41,7 @@ class Noise:
         self._next: Future[Array] | None = None
 
     def __call__(self) -> Array:
-        """Return the next array, (N, knots + 1, nu); it is the caller's to change."""
+        """Return the next array, (N, knots + 1, nu); the caller may change it."""
         drawn = self._draw() if self._next is None else self._next.result()
         self._next = self._pool.submit(self._draw)
         return drawn

@@ -1,4 +1,4 @@
-"""What a sampling controller returns at every step."""
+"""The plan that a sampling controller returns at every step."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ class Plan:
     """A plan from a state, and the roll-outs of its last stage.
 
     Args:
-        time: when it begins, since the motion's start [s].
+        time: start of the plan, since the motion's start [s].
         action: the control to apply now, (nu,), in the model's units.
-        controls: what it means to apply at steps 0 … H, (H + 1, nu).
-        weights: of the roll-outs, (n,); the unperturbed plan's is the last one.
-        returns: of the roll-outs, (n,).
+        controls: planned controls at steps 0 … H, (H + 1, nu), in the model's units.
+        weights: weights of the roll-outs, (n,); the last one is that of the unperturbed plan.
+        returns: returns of the roll-outs, (n,).
         effective_samples: 1 / Σ w².
-        failed: how many roll-outs ended in NaN.
-        states: of the roll-outs, (n, H + 2, nx). They are overwritten by the next plan; copy what is to be kept.
-        cost: running cost of the roll-outs, (n, H + 1); overwritten likewise.
-        violation: violations of the rows of constraints, (nc, n, H + 1); overwritten likewise.
-        missed: mean violation of each constraint over roll-outs (by weight) and steps, of its worst row in each.
-        seconds: how long the parts of this plan took: ``sample``, ``roll_out``, ``evaluate``, ``value``, ``weigh``.
+        failed: number of failed roll-outs.
+        states: states of the roll-outs, (n, H + 2, nx). The next plan overwrites them; copy them to keep them.
+        cost: running cost of the roll-outs, (n, H + 1); the next plan overwrites it, too.
+        violation: violations of the rows of constraints, (nc, n, H + 1); the next plan overwrites them, too.
+        missed: violation of each constraint's worst row in a step: mean over steps, weighted mean over roll-outs.
+        seconds: computing times of this plan by part: ``sample``, ``roll_out``, ``evaluate``, ``value``, ``weigh`` [s].
     """
 
     time: float
@@ -45,5 +45,5 @@ class Plan:
 
     @property
     def figures(self) -> Mapping[str, float]:
-        """Effective samples and failed roll-outs."""
+        """Number of effective samples and of failed roll-outs."""
         return {"effective_samples": self.effective_samples, "failed": self.failed}

@@ -1,7 +1,7 @@
 """Reductions of violations (nc, n, S): the largest of each row, and the discount of each sample and step.
 
-In C where a compiler works, else in NumPy; both read the rows as an evaluator lays them out, steps outermost. Arrays of
-JAX are reduced by JAX, also within ``jit``.
+The code is in C if a compiler works, else in NumPy. Both use the memory layout of an evaluator: in each row, steps are
+the outer axis and samples the inner one. JAX reduces its own arrays, also within ``jit``.
 """
 
 from __future__ import annotations
@@ -21,51 +21,51 @@ from ..namespace import namespace
 Array = NDArray[np.float64]
 
 _DOUBLE = 8  # bytes
-_TINY = 1e-300  # what a maximum of zero is taken for: any violation is full there, and none is none
+_TINY = 1e-300  # replaces a maximum of zero: then any violation gets the full discount, and zero gets none
 
 
 def maxima(violation: Any, failed: Any = None) -> Any:
     """Return the largest violation of each row, (nc,).
 
     Args:
-        violation: of an evaluator, (nc, n, S), at least 0; NaN counts as none.
-        failed: samples that do not count, (n,); all count unless given.
+        violation: violations from an evaluator, (nc, n, S), at least 0; NaN counts as 0.
+        failed: samples to leave out, (n,); none by default.
 
     Raises:
-        ShapeError: it does not have three axes.
+        ShapeError: the violations do not have three axes.
     """
     xp = namespace(violation)
     if xp is not np:
         found = violation if failed is None else xp.where(failed[:, None], 0.0, violation)
         return xp.nanmax(found, axis=(1, 2), initial=0.0)
-    c = _laid_out(violation if failed is None or not failed.any() else violation[:, ~failed])
+    c = _with_contiguous_samples(violation if failed is None or not failed.any() else violation[:, ~failed])
     largest = np.zeros(len(c))
     if not c.size:
         return largest
     library = _library()
     if library is None:
         return np.asarray(np.fmax.reduce(c, axis=(1, 2), initial=0.0))
-    library.piaffe_maxima(*_where(c), pointer(largest))
+    library.piaffe_maxima(*_pointer_and_strides(c), pointer(largest))
     return largest
 
 
 def discount(violation: Any, c_max: Any, p_max: ArrayLike, out: Array | None = None) -> Any:
     """Return δ = max_i p_i clip(c_i / c_i^max, 0, 1) of each sample and step, (n, S).
 
-    Where c_i^max is zero, any violation counts in full.
+    If c_i^max is zero, any positive violation gets the full discount p_i.
 
     Args:
-        violation: c of an evaluator, (nc, n, S).
+        violation: c from an evaluator, (nc, n, S).
         c_max: c^max of each row, (nc,).
-        p_max: p of each row (nc,), of each row and step (nc, S), or one for all.
-        out: memory for the result, (S, n); fresh by default, and always with JAX.
+        p_max: p of each row (nc,), of each row and step (nc, S), or one number for all.
+        out: memory for the result, (S, n); new memory by default, and always with JAX.
 
     Raises:
-        ShapeError: an array does not fit.
+        ShapeError: an array has the wrong shape.
     """
     if namespace(violation) is not np:
         return _discount_on_device(violation, c_max, np.asarray(p_max, dtype=float))
-    c = _laid_out(violation)
+    c = _with_contiguous_samples(violation)
     rows, steps, n = c.shape
     largest, share = np.asarray(c_max, dtype=float), np.asarray(p_max, dtype=float)
     _check("c_max", largest.shape, ((rows,),))
@@ -80,7 +80,7 @@ def discount(violation: Any, c_max: Any, p_max: ArrayLike, out: Array | None = N
         for row, by, top in zip(c, slope, share, strict=True):
             np.fmax(delta, np.fmin(row * by[:, None], top[:, None]), out=delta)
     elif c.size:
-        library.piaffe_discount(*_where(c), pointer(slope), pointer(share), pointer(delta))
+        library.piaffe_discount(*_pointer_and_strides(c), pointer(slope), pointer(share), pointer(delta))
     else:
         delta[:] = 0.0
     return delta.T
@@ -96,8 +96,8 @@ def _discount_on_device(violation: Any, c_max: Any, p_max: Array) -> Any:
     return xp.max(xp.fmin(violation * slope, share), axis=0, initial=0.0)
 
 
-def _laid_out(violation: Array) -> Array:
-    """Return violations as (nc, S, n) with samples next to each other; a copy if they are not."""
+def _with_contiguous_samples(violation: Array) -> Array:
+    """Return violations as (nc, S, n) with contiguous samples; a copy if they are not contiguous."""
     if violation.ndim != 3:
         raise ShapeError(
             f"violation does not fit - got {violation.shape}, expected (nc, n, S); pass what an evaluator returns"
@@ -114,7 +114,7 @@ def _check(name: str, got: tuple[int, ...], expected: tuple[tuple[int, ...], ...
         raise ShapeError(f"discount: {name} does not fit - got {got}, expected {shapes}; give one entry per row")
 
 
-def _where(c: Array) -> tuple[Any, ...]:
+def _pointer_and_strides(c: Array) -> tuple[Any, ...]:
     rows, steps, n = c.shape
     numbers = (rows, c.strides[0] // _DOUBLE, steps, c.strides[1] // _DOUBLE, n)
     return (pointer(c), *map(ct.c_long, numbers))

@@ -1,4 +1,4 @@
-"""The controllers by the names that the command line, studies and files know them by."""
+"""The controllers by their names in the command line, in studies and in files."""
 
 from __future__ import annotations
 
@@ -10,4 +10,4 @@ from .mppi import MPPI
 from .td_cd import TDCDMPPI
 
 CONTROLLERS: Mapping[str, type[Sampler]] = {"td-cd": TDCDMPPI, "dial": DIAL, "mppi": MPPI}
-"""Every controller of Piaffe by name; a file may declare more, in its own ``controllers``."""
+"""All controllers of Piaffe by name; a user's file can add others in its ``controllers``."""

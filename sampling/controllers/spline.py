@@ -1,4 +1,4 @@
-"""The spline that turns a plan's nodes into controls: a fixed linear map."""
+"""The spline through the nodes of a plan: a constant linear map from nodes to controls."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Spline:
-    """The interpolating quadratic spline through uniform nodes, its breaks halfway between inner nodes.
+    """The quadratic interpolating spline through uniform nodes, with breaks halfway between inner nodes.
 
     Args:
-        knots: intervals between nodes n; there are n + 1 nodes, at least 3.
+        knots: number n of intervals between nodes; there are n + 1 nodes, at least 3.
         steps: H; controls are at steps 0 … H, nodes at steps 0, H/n, …, H.
     """
 
@@ -28,22 +28,24 @@ class Spline:
 
     @cached_property
     def to_controls(self) -> Array:
-        """W with controls = W nodes, (H + 1, n + 1)."""
+        """The matrix W in controls = W nodes, (H + 1, n + 1)."""
         return np.ascontiguousarray(self.at(np.arange(self.steps + 1.0)))
 
     @cached_property
     def to_nodes(self) -> Array:
-        """The nodes of the spline of the same family through all controls, (n + 1, H + 1)."""
+        """The matrix from controls to nodes, which are on the quadratic spline through all controls, (n + 1, H + 1)."""
         through = Spline(self.steps, self.steps) if self.steps >= 2 else self
         return through.at(np.linspace(0.0, self.steps, self.knots + 1))
 
     def controls(self, nodes: Array, centre: Array, half: Array) -> Array:
-        """Return controls of plans in their units, (N, H + 1, nu), clipped to their range, which a parabola may leave.
+        """Return the controls of plans in their units, (N, H + 1, nu), clipped to their range.
+
+        The spline can leave the range between nodes.
 
         Args:
-            nodes: of plans, in halves of the range, (N, n + 1, nu).
-            centre: of the controls' range, (nu,).
-            half: of its width, (nu,).
+            nodes: nodes of plans, scaled to [-1, 1], (N, n + 1, nu).
+            centre: centre of the controls' range, (nu,).
+            half: half the width of the range, (nu,).
         """
         library = _library()
         if library is None:
@@ -58,12 +60,12 @@ class Spline:
         return controls
 
     def at(self, steps: Array) -> Array:
-        """Return the map from nodes to values at steps (S,), (S, n + 1); beyond the ends the last parabola goes on."""
+        """Return the matrix from nodes to values at steps (S,), (S, n + 1); beyond the ends, it extrapolates."""
         nodes = np.linspace(0.0, self.steps, self.knots + 1)
         return np.asarray(np.linalg.solve(self._basis(nodes).T, self._basis(np.asarray(steps)).T).T)
 
     def _basis(self, steps: Array) -> Array:
-        """Return 1, s, s² and the truncated squares that begin at the breaks, (S, n + 1); s in nodes."""
+        """Return 1, s, s² and the truncated squares from each break on, (S, n + 1); s is in intervals between nodes."""
         s = steps * self.knots / self.steps
         breaks = np.arange(1.5, self.knots - 1)
         truncated = np.maximum(s[:, None] - breaks, 0.0) ** 2

@@ -1,4 +1,4 @@
-"""What a stage is given and returns, and what it needs of a controller; the same for NumPy and JAX arrays."""
+"""Arguments and results of a stage, and the interface of a controller for it; for NumPy and JAX arrays."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from .spline import Spline
 Array = NDArray[np.float64]
 
 Memory = Mapping[str, Any]
-"""What a sampler remembers from stage to stage and from plan to plan: arrays by name, of fixed shapes."""
+"""Data of a sampler that are kept between stages and between plans: arrays by name, with constant shapes."""
 
 
 class Stage(NamedTuple):
-    """Which stage of a plan this is.
+    """Index of a stage of a plan, and the schedule's deviations.
 
-    Within ``jit`` its numbers are traced: use ``xp.where(stage.index == 0, a, b)`` instead of ``if``.
+    Within ``jit`` the numbers are traced: use ``xp.where(stage.index == 0, a, b)`` instead of ``if``.
 
     Attributes:
-        index: i, from 0.
-        count: stages of this plan.
-        deviation: standard deviation of every node by the schedule of the options, (knots + 1, 1), in halves of the
+        index: index i of the stage, from 0.
+        count: number of stages of this plan.
+        deviation: standard deviation of every node by the schedule of the options, (knots + 1, 1), in units of half the
             controls' range.
     """
 
@@ -41,17 +41,17 @@ class Stage(NamedTuple):
 
 
 class Rolled(NamedTuple):
-    """The roll-outs of a stage, n of them; the last one is that of the unperturbed plan.
+    """The n roll-outs of a stage; the last one is that of the unperturbed plan.
 
     Attributes:
         k: index of the first node.
         states: (n, H + 2, nx).
-        controls: in the model's units, (n, H + 1, nu).
+        controls: controls in the model's units, (n, H + 1, nu).
         cost: running costs (n, H + 1).
         last: cost of terms ``at="end"``, (n,); None if there are none.
-        value: what the controller's value says of the last states, (n,); None without a value.
-        violation: of the rows of constraints, divided by each row's scale, (nc, n, H + 1).
-        failed: which ended in NaN, (n,). Their states stand still from there on.
+        value: the controller's value of the last states, (n,); None without a value.
+        violation: violations of the rows of constraints, divided by each row's scale, (nc, n, H + 1).
+        failed: which roll-outs failed, (n,). Their states are constant from the failure on.
     """
 
     k: Any
@@ -68,11 +68,11 @@ class Staged(NamedTuple):
     """The result of a stage.
 
     Attributes:
-        plan: nodes (knots + 1, nu) in halves of the controls' range.
-        rolled: the roll-outs it was made from.
-        returns: of the roll-outs (n,), the worst one where they failed.
-        weights: of the roll-outs (n,); their sum is one.
-        memory: what the sampler remembers.
+        plan: nodes (knots + 1, nu), scaled to [-1, 1].
+        rolled: the roll-outs of the stage.
+        returns: returns of the roll-outs (n,); the lowest one for failed roll-outs.
+        weights: weights of the roll-outs (n,); their sum is one.
+        memory: memory of the sampler.
     """
 
     plan: Any
@@ -83,7 +83,7 @@ class Staged(NamedTuple):
 
 
 class TerminalValue(Protocol):
-    """What a roll-out that ends in a state is still going to return."""
+    """The expected return of a roll-out after its last state."""
 
     def __call__(self, states: Array, k: int, nodes: Nodes) -> Array:
         """Return V ≥ 0 of states (n, nx) at node k, (n,)."""
@@ -107,7 +107,7 @@ class Method(Protocol):
 
 
 class Staging(Method, Protocol):
-    """What a stage needs of a controller besides its three methods."""
+    """The interface of a controller for a stage, besides its three methods."""
 
     value: Value | TerminalValue | None
 
@@ -123,25 +123,25 @@ class Staging(Method, Protocol):
 
     @property
     def model(self) -> Mujoco:
-        """What it controls."""
+        """The model that it controls."""
         ...
 
     @property
     def steps(self) -> int:
-        """H."""
+        """The horizon H in steps."""
         ...
 
     @property
     def spline(self) -> Spline:
-        """From nodes to controls."""
+        """The map from nodes to controls."""
         ...
 
     @property
     def engine(self) -> Engine:
-        """What rolls out."""
+        """The engine of the roll-outs."""
         ...
 
     @property
     def evaluator(self) -> Evaluator:
-        """What scores roll-outs."""
+        """The evaluator of cost and violations of roll-outs."""
         ...

@@ -1,4 +1,4 @@
-"""TD-CD-MPPI: annealed MPPI whose returns are discounted by violations and end in a learned value."""
+"""TD-CD-MPPI: annealed MPPI with returns that violations discount and that include a learnt value at the end."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ class TDCDMPPI(DIAL):
 
         R = Σ_h [Π_{k≤h} γ₀ (1 − δ_k)] r_h + [Π_{k≤H} γ₀ (1 − δ_k)] V(x_{H+1})
 
-    The moving maxima of the violations, by which δ is scaled, are what it remembers. Without a value, the reward of
-    terms ``at="end"`` takes its place, if there are any.
+    δ is scaled by moving maxima of the violations, which are in the memory. Without a value, the reward of terms
+    ``at="end"`` is used in its place, if there are such terms.
 
     Args:
         problem: as for :class:`Sampler`.
         options: see :class:`Options`.
-        reward: how cost becomes reward.
-        value: V, or the file that holds it; None for none.
-        allow: what may differ between this controller and the one that the value was learned from, as ``("terrain",)``;
-            see :meth:`piaffe.sampling.value.Value.check`.
+        reward: the reward as a function of the cost.
+        value: V, or the path of its file; None for no value.
+        allow: entries that may differ between this controller and the one that the value was learnt for, as
+            ``("terrain",)``; see :meth:`piaffe.sampling.value.Value.check`.
         **changed: single options.
 
     Raises:
-        SamplingError: the value was learned for another robot, objective, reward or discount.
-        UnknownNameError: ``p_max`` names a constraint that is not there.
+        SamplingError: the value was learnt for another robot, objective, reward or discount.
+        UnknownNameError: ``p_max`` has the name of an unknown constraint.
     """
 
     title: ClassVar[str] = "TD-CD-MPPI"
@@ -62,7 +62,7 @@ class TDCDMPPI(DIAL):
         return self.discount.initial_memory()
 
     def returns(self, xp: Any, rolled: Rolled, memory: Memory) -> tuple[Any, Memory]:
-        """Return the constraint-discounted return of every roll-out, (n,), and the violations' moving maxima."""
+        """Return the constraint-discounted return of every roll-out, (n,), and the moving maxima of the violations."""
         memory = self.discount.follow(memory, reduce.maxima(rolled.violation, rolled.failed))
         delta = self.discount.delta(rolled.violation, memory)
         end = rolled.value

@@ -1,4 +1,4 @@
-"""The value at the end of the horizon: a function, a value or its file, looked at before it is used."""
+"""The value at the end of the horizon: a function, a value or its file, which is checked before it is used."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .stage import TerminalValue
 def terminal_value(
     value: TerminalValue | str | PathLike[str] | None, controller: Served, allow: Collection[str]
 ) -> TerminalValue | None:
-    """Return a value that fits a controller; None for none.
+    """Return the terminal value of a controller after a check; None without a value.
 
     Args:
-        value: what was given.
-        controller: what it is for.
-        allow: what may differ from what it was learned for.
+        value: the user's argument.
+        controller: the controller that uses it.
+        allow: entries that may differ from those that it was learnt for.
 
     Raises:
-        SamplingError: it was learned for something else, or is no value.
+        SamplingError: it was learnt for something else, or is not a value.
     """
     if isinstance(value, str | PathLike):
         return load_value(value, controller, allow=allow)

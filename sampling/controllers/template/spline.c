@@ -1,4 +1,4 @@
-/* Controls of plans: each plan's nodes through the spline, kept in [-1, 1], then in units. */
+/* Controls of plans: the spline through the nodes of each plan, clipped to [-1, 1], then scaled to the model's units. */
 
 /* nodes: n plans of m rows of nu numbers; weights: steps rows of m; controls: n plans of steps rows of nu */
 void piaffe_controls(const double *nodes, long n, long m, long nu, const double *weights, long steps,
