@@ -1,4 +1,4 @@
-"""The array namespace: what lets one function work on arrays of NumPy and of JAX."""
+"""The array namespace, with which one function works on arrays of NumPy and of JAX."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ def namespace(array: Any) -> Any:
     """Return the module with an array's functions: ``jax.numpy`` for arrays of JAX and within ``jit``, else ``numpy``.
 
     Args:
-        array: an array, or anything that NumPy makes one of.
+        array: an array, or anything that NumPy can convert to an array.
     """
     return array.__array_namespace__() if hasattr(array, "__array_namespace__") else np

@@ -1,4 +1,4 @@
-"""Options of the sampling controllers: one frozen value for the whole family."""
+"""Options of the sampling controllers: one frozen dataclass for all of them."""
 
 from __future__ import annotations
 
@@ -16,30 +16,34 @@ Shift = Literal["step", "elapsed"]
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of :class:`MPPI` and its relatives; each controller has defaults of its own.
+    """Options of :class:`MPPI` and the other controllers; each controller has its own defaults.
 
     Args:
-        samples: perturbed roll-outs per stage, N; the unperturbed plan is one more.
-        knots: spline intervals over the horizon; the plan has one node more per control.
-        temperature: λ of the weights exp((R − R_best) / (λ std R)), without unit.
+        samples: perturbed roll-outs per stage, N; the unperturbed plan is added to them.
+        knots: intervals of the spline over the horizon; the plan has ``knots + 1`` nodes per control.
+        temperature: λ in the weights exp((R − R_best) / (λ std R)), without unit.
         sigma: standard deviation of the last node's perturbation at the first stage; 1 is half of a control's range.
         stages: annealing stages per plan.
         first_stages: annealing stages of the first plan.
         noise: ``"factors"``: σ = sigma · stage_factor^i · node_factor^(n − j) for stage i and node j of n;
             ``"exponential"``: σ = sigma · exp(−i / (stage_factor · stages) − (n − j) / (node_factor · n)), as in the
             paper of DIAL-MPC.
-        stage_factor: β₁, how perturbations shrink from stage to stage.
-        node_factor: β₂, how they shrink from the horizon's end to its start.
-        shift: how the last plan becomes a guess: ``"step"``: by one step, the centre of the controls' range appended;
-            ``"elapsed"``: by the time since the last plan, the spline extended beyond its end.
+        stage_factor: β₁, decrease of the perturbations from stage to stage.
+        node_factor: β₂, decrease of the perturbations from the end of the horizon to its start.
+        shift: how the last plan is shifted to become the initial plan: ``"step"``: by the time since the last plan in
+            whole steps, with the centre of the controls' range at the end; ``"elapsed"``: by the time since the last
+            plan, with the spline extrapolated beyond its end.
         discount: γ₀ per step of the constraint-discounted return.
-        p_max: largest discount per constraint: a number for all, or by constraint's name, 0 to leave one out.
+        p_max: largest discount per constraint: one number for all, or numbers by name of the constraint; 0 turns a
+            constraint's discount off.
         violation_rate: τ of the moving maximum of each violation.
-        violation_floor: least moving maximum, in units of the row's scale: smaller violations are discounted less.
-        seed: of the perturbations.
-        engine: rolls out: ``"native"`` (mujoco.rollout on threads), ``"simd"`` (MuJoCo's step in SIMD code, for feet
-            on planes and boxes), ``"mjx"`` (JAX), or ``"auto"``: ``"simd"`` where it has all that the model needs.
-        threads: of roll-outs and evaluation; None for one per core.
+        violation_floor: lower limit of the moving maximum, in units of the row's scale. It limits the discount of very
+            small violations.
+        seed: seed of the perturbations.
+        engine: engine of the roll-outs: ``"native"`` (mujoco.rollout on threads), ``"simd"`` (MuJoCo's step in SIMD
+            code, for feet on planes and boxes), ``"mjx"`` (JAX), or ``"auto"``: ``"simd"`` if it supports the model,
+            else ``"native"``.
+        threads: number of threads of roll-outs and evaluation; None for one per core.
     """
 
     samples: int = 1024

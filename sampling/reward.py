@@ -1,4 +1,4 @@
-"""The reward: a running cost as something to collect, the same for planner and learner."""
+"""The reward as a function of the running cost, the same for planner and learner."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from .namespace import namespace
 
 @dataclass(frozen=True)
 class Reward:
-    """r = exp(−l / s) in (0, 1] of the running cost l = ½ Σ w r², a rate.
+    """The reward exp(−l / s) in (0, 1] of the running cost l = ½ Σ w r² per unit of time.
 
-    A discounted return needs rewards that are not negative: discounting a penalty would make violations attractive.
+    A discounted return needs rewards that are not negative: with negative rewards, the discount would make violations
+    increase the return.
 
     Args:
-        scale: s, the cost at which the reward has fallen to 1/e; in the objective's units.
+        scale: s, the cost at which the reward is 1/e; in the objective's units.
     """
 
     scale: float = 1.0
@@ -28,7 +29,7 @@ class Reward:
         if not (isinstance(self.scale, int | float | np.number) and 0 < self.scale < float("inf")):
             raise SamplingError(
                 f"reward: scale is out of range - got {self.scale!r}, expected a positive number in the units of the "
-                "objective; give the cost at which the reward has fallen to 1/e"
+                "objective; give the cost at which the reward is 1/e"
             )
 
     def __call__(self, cost: Any) -> Any:

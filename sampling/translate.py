@@ -1,7 +1,7 @@
-"""CasADi functions on arrays of NumPy or JAX: the instruction list, each operation on all samples at once.
+"""CasADi functions on arrays of NumPy or JAX: the instruction list, with each operation on all samples at once.
 
-Of kept libraries for this, none served: see the decision on scoring in docs/adr. Every operation that
-``piaffe.codegen.simd`` knows has its like here; comparisons give 0.0 or 1.0, as in CasADi.
+No maintained library does this: see the decision on scoring in docs/adr. All operations of ``piaffe.codegen.simd`` are
+supported here, too. Comparisons give 0.0 or 1.0, as in CasADi.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Operation = Callable[..., Any]
 
 @dataclass(frozen=True)
 class _Step:
-    """One operation: apply to values of the given indices, store, and drop what is not used any more."""
+    """One operation: apply it to the operands, store the result, and delete values that are not used any more."""
 
     apply: Operation
     operands: tuple[int, ...]
@@ -33,16 +33,16 @@ class _Step:
 
 @dataclass(frozen=True)
 class Translated:
-    """A CasADi function that takes and gives arrays.
+    """The instructions of a CasADi function, for arrays.
 
     Args:
-        name: of the function.
+        name: name of the function.
         num_in: number of inputs.
         sizes: number of rows of each output.
-        inputs: value index → (input, component) of those that are used.
+        inputs: value index → (input, component), for the components that are used.
         constants: value index → number.
         steps: operations in order.
-        outputs: per output the value index of each row, -1 for a structural zero.
+        outputs: for each output, the value index of each row, -1 for a structural zero.
         count: number of values.
     """
 
@@ -59,7 +59,7 @@ class Translated:
         """Return the rows of each output, each an array or a number.
 
         Args:
-            *arguments: per input its components, arrays that broadcast against each other.
+            *arguments: components of each input, arrays that broadcast against each other.
         """
         values: list[Any] = [None] * self.count
         for index, (i, k) in self.inputs.items():
@@ -74,14 +74,14 @@ class Translated:
 
 
 def translate(function: cs.Function) -> Callable[..., tuple[Any, ...]]:
-    """Return a CasADi function as one of JAX arrays, for use within ``jit``, ``vmap`` and ``grad``.
+    """Return a CasADi function as a function of JAX arrays, for use within ``jit``, ``vmap`` and ``grad``.
 
     Args:
         function: a function of columns with outputs that are columns; an MX function is expanded.
 
     Returns:
-        A function of as many arrays (..., size), whose leading axes broadcast; it returns a tuple of arrays
-        (..., rows). Computes in the precision of its arguments: double only where JAX has it enabled.
+        A function of one array (..., size) per input, with leading axes that broadcast. It returns a tuple of arrays
+        (..., rows), in the precision of its arguments: double precision must be enabled in JAX.
 
     Raises:
         SamplingError: JAX is not installed.
@@ -108,10 +108,10 @@ def translate(function: cs.Function) -> Callable[..., tuple[Any, ...]]:
 
 
 def import_jax() -> Any:
-    """Return the module ``jax`` with what is used of it.
+    """Return the module ``jax`` with the submodules that are used.
 
     Raises:
-        SamplingError: it is not installed.
+        SamplingError: JAX is not installed.
     """
     try:
         import jax
@@ -132,7 +132,7 @@ def instructions(function: cs.Function, xp: ModuleType, erf: Operation) -> Trans
     Args:
         function: a function of columns; an MX function is expanded.
         xp: ``numpy`` or ``jax.numpy``.
-        erf: its error function.
+        erf: the error function for these arrays.
 
     Raises:
         ModelError: an operation has no form on arrays.
@@ -191,13 +191,13 @@ _RENAMED = {
 
 @lru_cache(maxsize=4)
 def _operations(xp: Any, erf: Operation) -> Mapping[int, Operation]:
-    """Return the operations of an array module by CasADi's number."""
+    """Return the operations of an array module by CasADi's operation number."""
 
     def truth(condition: Any) -> Any:
         return xp.where(condition, 1.0, 0.0)
 
     def remainder(a: Any, b: Any) -> Any:
-        """Return a − n b for the integer n nearest to a / b, the even one of two; without rounding."""
+        """Return a − n b without rounding errors, for the integer n nearest to a / b; of two nearest, the even one."""
         b = xp.fabs(b)
         r = xp.fmod(xp.fabs(a), b + b)
         near = xp.where(r + r > b, r - b, r)
@@ -229,4 +229,4 @@ def _operations(xp: Any, erf: Operation) -> Mapping[int, Operation]:
 
 
 NUMPY_ERF: Operation = np.vectorize(math.erf, otypes=[float])
-"""NumPy has no error function of its own."""
+"""The error function on NumPy arrays, which NumPy lacks."""
