@@ -333,7 +333,7 @@ def test_actuators_with_a_state_of_their_own_are_refused():
         "<actuator><general joint='j' dyntype='integrator'/></actuator></mujoco>"
     )
     model = spec.compile()
-    with pytest.raises(ModelError, match="got 3 numbers, expected 2, positions and speeds alone"):
+    with pytest.raises(ModelError, match="got 3 numbers, expected 2, positions and velocities alone"):
         NativeEngine(type("Simulated", (), {"substeps": 1, "compiled": lambda self: model})())
 
 
