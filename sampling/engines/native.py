@@ -110,7 +110,7 @@ class NativeEngine(Engine):
         self._buffers.clear()
 
     def _lead(self, x0: Array, controls: Array) -> _Lead:
-        """Return the first steps that are the same for all samples; none if they fail, so that each sample fails."""
+        """Return the first steps that all samples share; none if they fail: then each sample is simulated by itself."""
         nx, dt = self.nq + self.nv, self._model.opt.timestep
         start = np.zeros((*x0.shape[:-1], 1 + nx))
         start[..., 1:] = x0

@@ -51,7 +51,7 @@ _LARGE = 1000  # an array with more entries than this (a height field) is replac
 
 
 def fingerprint(nodes: Nodes, reward: Reward, options: Options, inputs: ValueInputs) -> Entries:
-    """Return what a value function depends on, as JSON-able entries.
+    """Return what a value function depends on, as entries that JSON can hold.
 
     Args:
         nodes: nodes of the problem.

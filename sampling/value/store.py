@@ -87,7 +87,7 @@ class Value:
         Args:
             states: (n, nx).
             k: index of the node; its time is ``k dt``.
-            nodes: of the problem.
+            nodes: nodes of the problem.
         """
         if nodes not in self._bound:
             self._bound[nodes] = self.inputs.bind(nodes)
