@@ -40,9 +40,9 @@ class Sampler:
     """A sampling controller. A subclass defines the samples, the returns of roll-outs and the update of the plan.
 
     The problem's schedule is ``model.over(H dt, dt)``. Steps 0 … H are simulated. Control 0 is applied while the plan
-    is computed, so it is not perturbed; the other H controls are free. A plan consists of the nodes of a spline of the
-    controls; each control's range is scaled to [-1, 1] [DIAL-MPC]. A plan is computed in stages. Each stage has four
-    steps:
+    is computed, so it is not perturbed; the other H controls are free. As in [DIAL-MPC], a plan consists of the nodes
+    of a spline of the controls; each control's range is scaled to [-1, 1]. A plan is computed in stages. Each stage has
+    four steps:
 
     1. :meth:`sample` returns plans to try. They are clipped, and the current plan is added as the last sample.
     2. The samples are rolled out, and their costs and violations are evaluated.
