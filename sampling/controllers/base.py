@@ -15,28 +15,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError
-from piaffe.models import base, joints
-from piaffe.ocp import NodeNumbers, Nodes, Problem
-from piaffe.simulation import Judgement
+from piaffe.ocp import Nodes, Problem
 
 from ..engines import engine_for
 from ..evaluators import evaluator
 from ..options import Options
 from ..reward import Reward
 from . import horizon
+from .closed_loop import ClosedLoop
 from .contract import require_methods
 from .device_stage import DeviceStage
 from .host_stage import HostStage, lap
 from .noise import Noise, deviations
-from .plan import Plan
+from .plan import Plan, report
 from .spline import Spline
-from .stage import Memory, Rolled, Stage, Staged, TerminalValue
+from .stage import Memory, Rolled, Stage, TerminalValue
 from .terminal import terminal_value
 
 Array = NDArray[np.float64]
 
 
-class Sampler:
+class Sampler(ClosedLoop):
     """A sampling controller. A subclass defines the samples, the returns of roll-outs and the update of the plan.
 
     The problem's schedule is ``model.over(H dt, dt)``. Steps 0 … H are simulated. Control 0 is applied while the plan
@@ -221,50 +220,11 @@ class Sampler:
             staged = self._stage(start, plan, noise, stage, memory, k, numbers, seconds)
             plan, memory = staged.plan, staged.memory
         self._plan, self._memory, self._time = plan, memory, t
-        return self._report(t, staged, seconds)
+        return report(t, staged, self._controls(staged.plan[None])[0], self.constraints, seconds)
 
     @cached_property
     def _stage(self) -> HostStage | DeviceStage:
         return DeviceStage(self) if self._on_device else HostStage(self)
-
-    # ---- in closed loop
-
-    @property
-    def initial(self) -> Array:
-        """Initial state of the problem (nx,)."""
-        return self.problem.initial
-
-    def hold(self, x: Array) -> Array:
-        """Return the control that holds the joints at their positions, (nu,); zero if the controls are torques."""
-        if self.model.action.quantity == joints.target:
-            return np.asarray(x[self.model.state.slices[joints.position]])
-        return np.zeros_like(self._centre)
-
-    def judge(self, states: Array, actions: Array, t: float) -> Judgement:
-        """Return cost, reward and violations of a part of an episode.
-
-        Args:
-            states: (T, nx), ``dt`` apart.
-            actions: (T, nu).
-            t: time of the first state [s].
-        """
-        numbers = self.nodes.running(round(t / self.dt), len(actions))
-        cost, violation = self.score(states[None], actions[None], numbers)
-        return Judgement(cost[0].copy(), self.reward(cost[0]), violation[:, 0].copy(), self.constraints)
-
-    def place(self, t: float) -> Array:
-        """Return the base's target position at a time [s], x and y, (2,) [m]."""
-        return np.asarray(self.nodes.sample(round(t / self.dt))[base.position], dtype=float)[:2]
-
-    def score(self, states: Array, controls: Array, numbers: NodeNumbers) -> tuple[Array, Array]:
-        """Return running costs (n, S) and violations (nc, n, S); the next call of this size overwrites them.
-
-        Args:
-            states: (n, S, nx).
-            controls: (n, S, nu).
-            numbers: parameters, weights and masks of the S nodes.
-        """
-        return self.evaluator.stage(states, controls, numbers.p, numbers.weight, numbers.g_mask, numbers.h_mask)
 
     # ---- from plan to plan
 
@@ -282,28 +242,3 @@ class Sampler:
     def _controls(self, plans: Array) -> Array:
         """Return the controls of plans in the model's units, (n, H + 1, nu), within their range."""
         return self.spline.controls(plans, self._centre, self._half)
-
-    def _report(self, t: float, staged: Staged, seconds: dict[str, float]) -> Plan:
-        controls = self._controls(staged.plan[None])[0]
-        return Plan(
-            time=t,
-            action=controls[0],
-            controls=controls,
-            weights=staged.weights,
-            returns=staged.returns,
-            effective_samples=float(1.0 / np.sum(staged.weights**2)),
-            failed=int(staged.rolled.failed.sum()),
-            states=staged.rolled.states,
-            cost=staged.rolled.cost,
-            violation=staged.rolled.violation,
-            missed=self._missed(staged),
-            seconds=dict(seconds),
-        )
-
-    def _missed(self, staged: Staged) -> dict[str, float]:
-        """Return the violation of each constraint's worst row: mean over steps, weighted mean over samples."""
-        names, rows = np.array(self.constraints), staged.rolled.violation.transpose(0, 2, 1)  # the order in memory
-        return {
-            name: float(np.mean(rows[names == name].max(axis=0) @ staged.weights))
-            for name in dict.fromkeys(self.constraints)
-        }

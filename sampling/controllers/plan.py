@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from .stage import Staged
 
 Array = NDArray[np.float64]
 
@@ -47,3 +49,33 @@ class Plan:
     def figures(self) -> Mapping[str, float]:
         """Number of effective samples and of failed roll-outs."""
         return {"effective_samples": self.effective_samples, "failed": self.failed}
+
+
+def report(t: float, staged: Staged, controls: Array, constraints: Sequence[str], seconds: Mapping[str, float]) -> Plan:
+    """Return the plan of a last stage.
+
+    Args:
+        t: when it begins, since the motion's start [s].
+        staged: the stage.
+        controls: of its plan, (H + 1, nu), in the model's units.
+        constraints: the constraint that each row of a violation belongs to, (nc,).
+        seconds: how long the parts of the plan took.
+    """
+    rolled, weights = staged.rolled, staged.weights
+    names, rows = np.array(constraints), rolled.violation.transpose(0, 2, 1)  # as they lie in memory
+    # the violation of each constraint's worst row: mean over steps, weighted mean over samples
+    missed = {name: float(np.mean(rows[names == name].max(axis=0) @ weights)) for name in dict.fromkeys(constraints)}
+    return Plan(
+        time=t,
+        action=controls[0],
+        controls=controls,
+        weights=weights,
+        returns=staged.returns,
+        effective_samples=float(1.0 / np.sum(weights**2)),
+        failed=int(rolled.failed.sum()),
+        states=rolled.states,
+        cost=rolled.cost,
+        violation=rolled.violation,
+        missed=missed,
+        seconds=dict(seconds),
+    )
