@@ -14,10 +14,10 @@ import pytest
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 
-# Learning is built on JAX and Flax, which the sampling extra brings; whoever asks for it without them is told so.
+# Learning is built on JAX and Flax, which the sampling extra brings; without them, the error says so.
 IMPORT_ALL = """
 import importlib, pkgutil, piaffe
-learning = {"piaffe.sampling.value." + name for name in ("checkpoints", "learn", "modules")}
+learning = {"piaffe.sampling.learning." + name for name in ("checkpoints", "learn", "modules")}
 for module in pkgutil.walk_packages(piaffe.__path__, "piaffe."):
     if not module.name.endswith("__main__") and module.name not in learning:
         importlib.import_module(module.name)
@@ -72,7 +72,7 @@ def test_wheel_holds_every_module_and_data_file(wheel: Path) -> None:
         for file in folder.rglob("*")
         if file.is_file() and "__pycache__" not in file.parts
     }
-    assert {"piaffe/py.typed", "piaffe/models/urdf/mini_cheetah.urdf", "piaffe/ocp/__init__.py"} <= expected
+    assert {"piaffe/py.typed", "piaffe/models/robots/urdf/mini_cheetah.urdf", "piaffe/ocp/__init__.py"} <= expected
     assert expected - set(zipfile.ZipFile(wheel).namelist()) == set()
 
 
