@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from numbers import Integral, Real
-from typing import Literal
+from typing import Literal, get_args
 
 from piaffe.errors import SamplingError
 
 NoiseSchedule = Literal["factors", "exponential"]
 Shift = Literal["step", "elapsed"]
+
+
+EngineName = Literal["auto", "native", "simd", "mjx"]
+"""Names of the roll-out engines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +65,7 @@ class Options:
     violation_rate: float = 0.5
     violation_floor: float = 1e-3
     seed: int = 0
-    engine: Literal["auto", "native", "simd", "mjx"] = "auto"
+    engine: EngineName = "auto"
     threads: int | None = None
 
     def __post_init__(self) -> None:
@@ -80,7 +84,7 @@ class Options:
         for name, choices in (
             ("noise", ("factors", "exponential")),
             ("shift", ("step", "elapsed")),
-            ("engine", ("auto", "native", "simd", "mjx")),
+            ("engine", get_args(EngineName)),
         ):
             if (name, getattr(self, name)) == ("engine", "lanes"):
                 self._refuse(name, "'simd', its name now")

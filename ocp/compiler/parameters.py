@@ -97,7 +97,9 @@ class Parameters(Mapping[str, Array]):
         return array
 
     def __getitem__(self, name: str) -> Array:
-        key = self.key(name, "compiled problem")
+        if name not in self:
+            raise UnknownNameError("compiled problem", "parameter", name, self)
+        key = self._names[name]
         for phase in self._phases:
             for layout, table, applies in tables(phase):
                 rows = np.flatnonzero(applies[:, key.term]) if key.kind in ("weight", "target") else np.arange(1)

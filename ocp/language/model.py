@@ -156,6 +156,15 @@ class ModelBase(ABC):
     slots: tuple[Slot, ...] = field(default=(), kw_only=True)
     cut_by_modes: bool = field(default=True, kw_only=True)
 
+    def __init_subclass__(cls, **options: object) -> None:
+        """Refuse a method with a name that ModelBase does not call any more."""
+        super().__init_subclass__(**options)
+        if "notices" in vars(cls):
+            raise ModelError(
+                f"model class '{cls.__name__}': 'notices' was renamed - got a method 'notices', expected 'warnings'; "
+                "rename it"
+            )
+
     # ---- what every model defines
 
     @abstractmethod

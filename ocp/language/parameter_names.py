@@ -84,6 +84,12 @@ def merged(values: Mapping[str, ArrayLike] | None, named: Mapping[str, ArrayLike
             f"{where}: parameters are unusable - got {brief(values)}, expected a mapping from names to numbers; write "
             "with_parameters({'friction cone.mu': 0.5}) or with_parameters(mu=0.5)"
         )
+    for name in values or {}:
+        if not isinstance(name, str):
+            raise ProblemError(
+                f"{where}: the name of a parameter is unusable - got {brief(name)}, expected text, as "
+                "'friction cone.mu'; correct it"
+            )
     twice = sorted({*(values or {})} & {*named})
     if twice:
         raise ProblemError(

@@ -77,7 +77,7 @@ class Problem:
         }.items():
             object.__setattr__(self, key, entry)
         object.__setattr__(self, "initial", self._checked_initial(initial, schedule))
-        object.__setattr__(self, "parameters", self._checked_parameters(parameters or {}, schedule))
+        object.__setattr__(self, "parameters", self._checked_parameters(merged(parameters, {}, self.where), schedule))
 
     @property
     def where(self) -> str:

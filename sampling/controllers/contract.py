@@ -106,7 +106,7 @@ def require_sound(method: Method, staged: Staged) -> None:
             f"{float(weights.min()):g}, expected numbers that are not negative, with the sum 1; divide by their sum"
         )
     for name, kept in staged.memory.items():
-        require_finite(method, "memory", f"'{name}'", kept)
+        require_finite(method, "returns or update", f"memory '{name}'", kept)
 
 
 def require_finite(method: Method, where: str, what: str, values: Any) -> None:

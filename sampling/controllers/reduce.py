@@ -122,7 +122,7 @@ def _pointer_and_strides(c: Array) -> tuple[Any, ...]:
 
 @lru_cache(maxsize=1)
 def _library() -> ct.CDLL | None:
-    loaded = c_library("piaffe.sampling.evaluators", "reduce", "reductions of violations")
+    loaded = c_library("piaffe.sampling.controllers", "reduce", "reductions of violations")
     if loaded is not None:
         loaded.piaffe_maxima.restype = loaded.piaffe_discount.restype = None
     return loaded

@@ -13,16 +13,15 @@ engine      how                                                                 
 from __future__ import annotations
 
 import warnings
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
-from piaffe.errors import SamplingError
+from piaffe.errors import SamplingError, renamed
 
+from ..options import EngineName
 from .engine import MAX_SPEED, Engine, Rollouts, Simulated
 from .mjx import MjxEngine
 from .native import NativeEngine
 from .simd import DifferentError, SimdEngine
-
-EngineName = Literal["auto", "native", "simd", "mjx"]
 
 __all__ = [
     "MAX_SPEED",
@@ -69,3 +68,6 @@ def engine_for(model: Simulated, name: EngineName = "auto", *, threads: int | No
         raise SamplingError("rollouts: engine was renamed - got 'lanes', expected 'simd', its name now; use that")
     known = ", ".join(f"'{known}'" for known in get_args(EngineName))
     raise SamplingError(f"rollouts: engine is unknown - got {name!r}, expected one of {known}; choose one")
+
+
+__getattr__ = renamed(__name__, {"LanesEngine": "piaffe.sampling.engines.SimdEngine"})

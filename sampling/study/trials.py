@@ -216,8 +216,12 @@ def prepare(declared: Declared, settings: Mapping[str, Any], threads: int | None
     allow = settings["allow"].replace(",", " ").split()
     extra = {"value": settings["value"], "allow": allow} if kind.uses_value else {}
     controller = kind(problem, options_of(declared, settings, threads), reward=declared.reward, **extra)
-    controller.initial_memory()  # raises errors of options now, not in the first plan
-    return Trial(controller, plant_of(controller.model, settings), settings, spread_of(settings, "settings"))
+    try:
+        controller.initial_memory()  # raises errors of options now, not in the first plan
+        return Trial(controller, plant_of(controller.model, settings), settings, spread_of(settings, "settings"))
+    except BaseException:
+        controller.engine.close()
+        raise
 
 
 def plant_of(model: Any, settings: Mapping[str, Any]) -> Any:

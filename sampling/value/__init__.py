@@ -1,5 +1,7 @@
 """Value functions: the expected return after the end of a controller's horizon."""
 
+from piaffe.errors import renamed as _renamed
+
 from .fingerprint import Entries as Entries
 from .fingerprint import differences as differences
 from .fingerprint import fingerprint as fingerprint
@@ -19,3 +21,16 @@ from .store import digest as digest
 from .store import load_value as load_value
 from .traced import numbers_of as numbers_of
 from .traced import traced_value as traced_value
+
+__getattr__ = _renamed(
+    __name__,
+    {
+        "train_value": "piaffe.sampling.train_value",
+        "CollectOptions": "piaffe.sampling.CollectOptions",
+        "LearnOptions": "piaffe.sampling.LearnOptions",
+        "collect": "piaffe.sampling.learning.collect.collect",
+        "Dataset": "piaffe.sampling.learning.dataset.Dataset",
+        "Records": "piaffe.sampling.learning.dataset.Records",
+        "Transitions": "piaffe.sampling.learning.transitions.Transitions",
+    },
+)

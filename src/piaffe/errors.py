@@ -64,6 +64,8 @@ class SamplingError(PiaffeError, RuntimeError):
 def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Never]:
     """Return a ``__getattr__`` for a module: for a renamed name it raises an error with the new name.
 
+    The error is an ImportError: of an AttributeError, ``from module import name`` would not show the text.
+
     Args:
         module: dotted name of the module.
         names: old name → what to use now, as ``{"Batch": "piaffe.ocp.Vectorised"}``.
@@ -71,7 +73,7 @@ def renamed(module: str, names: Mapping[str, str]) -> Callable[[str], Never]:
 
     def __getattr__(name: str) -> Never:
         if name in names:
-            raise AttributeError(
+            raise ImportError(
                 f"module '{module}': '{name}' was renamed - got '{name}', expected '{names[name]}'; use that"
             )
         raise AttributeError(f"module '{module}' has no attribute '{name}'")

@@ -6,7 +6,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from piaffe import ocp
+from piaffe import models, ocp
 from piaffe.errors import ProblemError, ShapeError, UnknownNameError
 from piaffe.ocp import CompiledProblem, ParameterKey, compile_problem
 from piaffe.solvers import MSiLQR, Options
@@ -283,7 +283,7 @@ def test_old_verbs_say_the_new_ones() -> None:
     with pytest.raises(AttributeError, match="object has no attribute 'number'"):
         _ = compiled.number
     for old in ("named_numbers", "find_number", "check_value", "NamedNumber"):
-        with pytest.raises(AttributeError, match=f"'{old}' was renamed - got '{old}', expected 'piaffe.ocp."):
+        with pytest.raises(ImportError, match=f"'{old}' was renamed - got '{old}', expected 'piaffe.ocp."):
             getattr(ocp, old)
 
 
@@ -308,3 +308,31 @@ def test_the_dictionary_is_a_mapping() -> None:
     assert repr(parameters).startswith("Parameters({'")
     parameters["g"][:] = 0.0  # a copy
     assert parameters["g"].tolist() == [9.81]
+
+
+def test_parameters_are_a_mapping_for_those_that_follow_from_the_motion_too() -> None:
+    robot = models.load("mini_cheetah")
+    body = models.WholeBody(robot)
+    motion = ocp.Motion(ocp.Phase("stand", models.stance("FL FR HL HR"), 0.1))
+    objective = ocp.Objective(ocp.regularize(models.joints.torque))
+    compiled = compile_problem(ocp.Problem(motion, body.until_end(dt=0.05), objective, initial=body.state()))
+    assert "mini_cheetah.contact" not in compiled.parameters
+    assert compiled.parameters.get("mini_cheetah.contact") is None
+    with pytest.raises(ProblemError, match="'mini_cheetah.contact': follows from the motion"):
+        compiled.with_parameters({"mini_cheetah.contact": np.ones(4)})
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [([1], "parameters are unusable - got "), ({1: 2.0}, "the name of a parameter is unusable - got 1, expected text")],
+)
+def test_parameters_of_another_type_are_refused(given: object, told: str) -> None:
+    problem = drop()
+    with pytest.raises(ProblemError, match=re.escape(told)):
+        problem.with_parameters(given)  # type: ignore[arg-type]  # that is what is tested
+    with pytest.raises(ProblemError, match=re.escape(told)):
+        compile_problem(problem).with_parameters(given)  # type: ignore[arg-type]
+    with pytest.raises(ProblemError, match=re.escape(told)):
+        ocp.Problem(
+            problem.motion, problem.schedule, problem.objective, initial=problem.initial, parameters=given,  # type: ignore[arg-type]
+        )  # fmt: skip

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from piaffe import ocp
+from piaffe.errors import ModelError
 
 
 @pytest.mark.parametrize(
@@ -13,8 +14,24 @@ from piaffe import ocp
 )
 def test_a_renamed_name_of_the_language_says_the_new_one(old: str, new: str) -> None:
     told = f"module 'piaffe.ocp': '{old}' was renamed - got '{old}', expected '{new}'; use that"
-    with pytest.raises(AttributeError, match=re.escape(told)):
+    with pytest.raises(ImportError, match=re.escape(told)):
         getattr(ocp, old)
+    with pytest.raises(ImportError, match=re.escape(told)):
+        exec(f"from piaffe.ocp import {old}", {})
+
+
+def test_renamed_names_of_sampling_say_the_new_ones() -> None:
+    with pytest.raises(
+        ImportError, match="'LanesEngine' was renamed - .* expected 'piaffe.sampling.engines.SimdEngine'"
+    ):
+        from piaffe.sampling.engines import LanesEngine  # type: ignore[attr-defined]  # noqa: F401
+    with pytest.raises(ImportError, match="'train_value' was renamed - .* expected 'piaffe.sampling.train_value'"):
+        from piaffe.sampling.value import train_value  # type: ignore[attr-defined]  # noqa: F401
+
+
+def test_a_model_with_notices_is_refused() -> None:
+    with pytest.raises(ModelError, match="model class 'Old': 'notices' was renamed - .* expected 'warnings'"):
+        type("Old", (ocp.ModelBase,), {"notices": lambda self, path: []})
 
 
 def test_the_violations_of_a_verification_were_misses() -> None:

@@ -152,3 +152,10 @@ def test_a_time_on_a_boundary_belongs_to_the_later_phase() -> None:
     part = trajectory.phases[1]
     np.testing.assert_allclose(interpolate(part, part.states, 9.0), part.states[-1], atol=1e-15)
     np.testing.assert_allclose(interpolate(part, part.states, 0.11)[:3], part.states[:2, :3].mean(axis=0), atol=1e-12)
+
+
+def test_a_robot_without_torque_limits_can_be_simulated() -> None:
+    limited, free = torque_plant(ROBOT), torque_plant(replace(ROBOT, torque_limit=np.full(ROBOT.num_joints, np.inf)))
+    assert np.all(np.isfinite(free.action.half_range))
+    assert free.compiled().actuator_forcelimited.tolist() == [0] * ROBOT.num_joints
+    assert limited.compiled().actuator_forcelimited.tolist() == [1] * ROBOT.num_joints

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 from piaffe.errors import SolverError
 
@@ -31,6 +32,9 @@ class CompileError(SolverError):
     def __init__(self, text: str, unit: str, output: str) -> None:
         self.unit, self.output = unit, output
         super().__init__(text)
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, str, str]]:  # processes of a study send errors to each other
+        return type(self), (str(self), self.unit, self.output)
 
 
 @dataclass

@@ -30,7 +30,7 @@ class Episode:
         distance: horizontal distance in the direction of the commanded motion [m].
         commanded: the distance that the reference covers in the same time [m].
         plan_ms: time of every plan (T,) [ms].
-        effective_samples: effective number of samples of every plan (T,).
+        effective_samples: effective number of samples of every plan (T,); NaN if the controller does not report it.
         failed_rollouts: number of roll-outs with NaN in the episode.
     """
 

@@ -14,6 +14,8 @@ from .policy import Policy
 
 Array = NDArray[np.float64]
 
+_UNLIMITED = 1e6  # [Nm]: the range of a control needs a number; the actuator of such a joint has no limit
+
 LOST_M, LOST_RAD = 0.3, 1.0
 """The plan is lost if the error of the base exceeds this, in position or in orientation."""
 
@@ -69,7 +71,8 @@ def torque_plant(robot: Robot, *, timestep: float = 1e-3, friction: float = 0.6)
         solref=(max(4 * timestep, 2e-3), 1.0), solimp=(0.95, 0.99, 0.001, 0.5, 2.0), stick=10.0, solver="newton",
         iterations=100, line_search=50,
     )  # fmt: skip
-    return Mujoco(robot, timestep=timestep, action=torques(), contact=contact, friction=friction)
+    limit = np.where(np.isfinite(robot.torque_limit), robot.torque_limit, _UNLIMITED)
+    return Mujoco(robot, timestep=timestep, action=torques(half_range=limit), contact=contact, friction=friction)
 
 
 def run_policy(policy: Policy, plant: Mujoco) -> PolicyRun:
