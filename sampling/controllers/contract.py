@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,8 @@ def updated(method: Method, xp: Any, samples: Any, returns: Any, memory: Memory)
 
 def settled(xp: Any, returns: Any, failed: Any) -> tuple[Any, Any]:
     """Return the returns, with the lowest one for failed roll-outs (0 if all failed), and which roll-outs failed."""
+    if xp is np and isfinite(returns.sum()) and not failed.any():  # as a rule; the rest would be without effect
+        return returns, failed
     failed = failed | ~xp.isfinite(returns)
     worst = xp.where(failed.all(), 0.0, xp.min(xp.where(failed, xp.inf, returns)))
     return xp.where(failed, worst, returns), failed
@@ -98,8 +101,12 @@ def require_explained(method: Method, odd: NDArray[np.bool_]) -> None:
 
 def require_sound(method: Method, staged: Staged) -> None:
     """Raise SamplingError unless plan and memory of a stage are finite, and the weights are not negative with sum 1."""
-    require_finite(method, "update", "plan", staged.plan)
     weights = np.asarray(staged.weights)
+    with np.errstate(invalid="ignore", over="ignore"):
+        sums = [np.sum(staged.plan), *map(np.sum, staged.memory.values())]
+        if all(map(isfinite, sums)) and weights.min() >= 0.0 and abs(weights.sum() - 1.0) < _SUM:
+            return  # as a rule; what follows finds out what is wrong
+    require_finite(method, "update", "plan", staged.plan)
     if not (np.all(weights >= 0.0) and abs(float(weights.sum()) - 1.0) < _SUM):
         raise SamplingError(
             f"{_name(method)}: update, weights are no shares - got the sum {float(weights.sum()):g} and the minimum "

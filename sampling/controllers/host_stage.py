@@ -72,7 +72,7 @@ class HostStage:
         rolled = Rolled(k, rollouts.states, controls, cost, last, value, violation, rollouts.failed)
         found, memory = returned(own, np, rolled, memory)
         returns, failed = settled(np, found, rolled.failed)
-        if not np.array_equal(failed, rolled.failed):
+        if failed is not rolled.failed and not np.array_equal(failed, rolled.failed):
             require_explained(own, unexplained(np, found, rolled))
         began = lap(seconds, "value", began)
         plan, weights, memory = updated(own, np, samples, returns, memory)
