@@ -116,8 +116,7 @@ class Sampler(ClosedLoop):
         )
         self.constraints = self.evaluator.constraints(self.nodes.terms)
         self.value = terminal_value(value, self, allow)
-        self._centre = 0.5 * (self.model.action.upper + self.model.action.lower)
-        self._half = 0.5 * (self.model.action.upper - self.model.action.lower)
+        self._centre, self._half = horizon.centre_and_half_range(self.model)
         self._drawing = ThreadPoolExecutor(1)
         self.reset()
 

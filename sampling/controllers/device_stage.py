@@ -15,6 +15,7 @@ from ..engines import MjxEngine
 from ..translate import import_jax
 from ..value import numbers_of, traced_value
 from .contract import require_explained, require_sound, returned, sampled, settled, unexplained, updated
+from .horizon import centre_and_half_range
 from .host_stage import Seconds, lap
 from .stage import Memory, Rolled, Stage, Staged, Staging
 
@@ -43,8 +44,7 @@ class DeviceStage:
             )
         self._jax = import_jax()
         self._controller, self._engine = controller, engine
-        action = controller.model.action
-        self._centre, self._half = 0.5 * (action.upper + action.lower), 0.5 * (action.upper - action.lower)
+        self._centre, self._half = centre_and_half_range(controller.model)
         self._ends = bool(controller.nodes.mode.rows["terminal_residual"])
         with engine.computing():
             self._value = None if controller.value is None else traced_value(controller.value, controller.nodes.mode)

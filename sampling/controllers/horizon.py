@@ -92,3 +92,9 @@ def moved_by_steps(spline: Spline, plan: Array, t: float, before: float, dt: flo
     if count <= spline.steps:
         controls[: spline.steps + 1 - count] = (spline.to_controls @ plan)[count:]
     return np.clip(spline.to_nodes @ controls, -1.0, 1.0)
+
+
+def centre_and_half_range(model: Mujoco) -> tuple[Array, Array]:
+    """Return the centre and half of the range of the controls, (nu,) each; plans are scaled by them to [-1, 1]."""
+    action = model.action
+    return 0.5 * (action.upper + action.lower), 0.5 * (action.upper - action.lower)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from piaffe.ocp import NodeNumbers
 
 from .contract import require_explained, require_sound, returned, sampled, settled, unexplained, updated
+from .horizon import centre_and_half_range
 from .stage import Memory, Rolled, Stage, Staged, Staging
 
 Array = NDArray[np.float64]
@@ -25,8 +26,7 @@ class HostStage:
 
     def __init__(self, controller: Staging) -> None:
         self._controller = controller
-        action = controller.model.action
-        self._centre, self._half = 0.5 * (action.upper + action.lower), 0.5 * (action.upper - action.lower)
+        self._centre, self._half = centre_and_half_range(controller.model)
         self._ends = bool(controller.nodes.mode.rows["terminal_residual"])
 
     def __call__(
