@@ -1,11 +1,11 @@
-"""Mini Cheetah bounds, paces, trots with flight and pronks: three cycles of each gait at 0.5 m/s, solved offline."""
+"""Mini Cheetah bounds, paces, trots with flight, pronks, trots and walks: three cycles of each gait, solved offline."""
 
 import argparse
 
 from piaffe import models, ocp, solvers
 from piaffe.models import base, feet, joints
 
-SPEED = 0.5  # [m/s]
+SPEED, CYCLES = 0.5, 3  # [m/s]
 
 robot = models.load("mini_cheetah")
 body = models.WholeBody(robot)
@@ -37,13 +37,17 @@ limits = ocp.Constraints(
 
 def problem_of(gait: ocp.Motion) -> ocp.Problem:
     """Return the problem of three cycles of a gait."""
-    return ocp.Problem(gait.cycles(3), body.until_end(dt=0.01), walking, limits, initial=body.state(joints="stand"))
+    return ocp.Problem(
+        gait.cycles(CYCLES), body.until_end(dt=0.01), walking, limits, initial=body.state(joints="stand")
+    )
 
 
 bound = problem_of(models.gaits.bound(SPEED))
 pace = problem_of(models.gaits.pace(SPEED))
 flying_trot = problem_of(models.gaits.flying_trot(SPEED))
 pronk = problem_of(models.gaits.pronk(SPEED))
+trot = problem_of(models.gaits.trot(SPEED))
+walk = problem_of(models.gaits.walk(speed=0.3))
 problem = bound
 
 
@@ -51,11 +55,12 @@ def main(name: str = "bound") -> float:
     """Solve one gait and return the mean speed of the last cycle [m/s]."""
     solution = solvers.MSiLQR(globals()[name]).solve().raise_if_failed()
     print(solution)
-    last = solution.trajectory.phases[-4:]
+    phases = solution.trajectory.phases
+    last = phases[-(len(phases) - 1) // CYCLES :]  # the first phase is a stance before the first cycle
     return float((last[-1].states[-1, 0] - last[0].states[0, 0]) / (last[-1].times[-1] - last[0].times[0]))
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--name", default="bound", choices=["bound", "pace", "flying_trot", "pronk"])
+    parser.add_argument("--name", default="bound", choices=["bound", "pace", "flying_trot", "pronk", "trot", "walk"])
     print(f"{main(**vars(parser.parse_args())):.2f} m/s")

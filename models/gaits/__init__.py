@@ -7,5 +7,6 @@ from .patterns import gait as gait
 from .patterns import pace as pace
 from .patterns import pronk as pronk
 from .patterns import trot as trot
+from .patterns import walk as walk
 from .reference import BoundGait as BoundGait
 from .reference import GaitReference as GaitReference

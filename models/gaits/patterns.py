@@ -35,6 +35,28 @@ def gait(*phases: tuple[str, str | tuple[str, ...], float], intro: float = 0.05,
     return ocp.Motion(*cycle, cyclic=True, once=once, reference=GaitReference(**command))
 
 
+def walk(speed: float = 0.3, *, swing_time: float = 0.20, overlap_time: float = 0.05, **options: Any) -> ocp.Motion:
+    """Return a walk: one foot swings at a time, in the order hind left, front left, hind right, front right.
+
+    Args:
+        speed: forward speed [m/s].
+        swing_time: duration of the swing of each foot [s].
+        overlap_time: duration for which all feet stand between two swings [s]; 0 for none.
+        **options: as in :func:`gait`.
+    """
+    phases: list[tuple[str, str | tuple[str, ...], float]] = []
+    for name, standing in (
+        ("hind_left", ("front", "hind right")),
+        ("front_left", ("hind", "front right")),
+        ("hind_right", ("front", "hind left")),
+        ("front_right", ("hind", "front left")),
+    ):
+        phases.append((name, standing, swing_time))
+        if overlap_time > 0:
+            phases.append(("overlap", _ALL, overlap_time))
+    return gait(*phases, speed=speed, **options)
+
+
 def trot(speed: float = 0.5, *, stance_time: float = 0.25, **options: Any) -> ocp.Motion:
     """Return a walking trot: the two diagonal pairs alternate. Options as in :func:`gait`."""
     return gait(

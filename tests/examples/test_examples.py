@@ -149,7 +149,7 @@ def test_the_roll_rolls_once_within_every_limit(load):
     assert np.abs(solution.controls).max() <= 17 + 1e-3
 
 
-@pytest.mark.parametrize("name", ["bound", "pronk", "pace", "flying_trot"])
+@pytest.mark.parametrize("name", ["bound", "pronk", "pace", "flying_trot", "trot", "walk"])
 def test_gaits_go_forward(name, load):
     assert 0.2 < load("gaits").main(name) < 0.7
 
