@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -9,7 +10,11 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from piaffe.ocp import Node, Quantity
+
+from .holding import Holding
 from .legged import LeggedModel
+from .quantities import joints
 from .recursions import Recursion
 from .stance import Stance
 from .tree import Inertials, Point, Tree
@@ -67,6 +72,16 @@ class NumericWholeBody(LeggedModel):
     def bias(self, x: ArrayLike, **parameters: Any) -> Array:
         """Return n, the Coriolis, centrifugal and gravity terms as a generalised force, (nv,)."""
         return self._call("bias", x, **parameters).ravel()
+
+    def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
+        """Return the torques with which the robot stands still on its feet, within their limits; zero in flight."""
+        limit = self.robot.torque_limit
+        torques = self._holding.torques(states[:-1, : self.tree.nv + 1], p["contact"], p)
+        return {joints.torque: np.clip(torques, -limit, limit)}
+
+    @cached_property
+    def _holding(self) -> Holding:
+        return Holding(self.tree, self.contacts)
 
     def _solve_contact(self, x: ArrayLike, u: ArrayLike, feet: Contacts, parameters: dict[str, Any]) -> Array:
         """Return z = (a, F)."""

@@ -120,6 +120,18 @@ class Recursion:
         maps = [spin + gamma * cs.skew(w) for spin, w in zip(self._spin, self._omega, strict=True)]
         return self.a[:3] + gamma * self.v[:3] + self.attitude @ self._motion(point, maps)
 
+    def jacobian(self, point: Point) -> cs.SX:
+        """Return J of a point: J v is its world velocity, (3, 6 + n)."""
+        arms, links = self._relative(point), self.tree.path(point.link)
+        J = cs.SX(3, self.tree.nv)
+        J[:, :3] = cs.SX.eye(3)
+        J[:, 3:6] = -self.attitude @ cs.skew(arms[-1])
+        turn = self.attitude
+        for i, arm in reversed(list(zip(links, arms[:-1], strict=True))):
+            turn = turn @ self._rotations[i]
+            J[:, 5 + i] = turn @ cs.cross(cs.SX(self.tree.axes[i]), arm)
+        return J
+
     # ---- forces, from the feet to the base
 
     def _gather(self, maps: list[cs.SX], body: Inertials) -> tuple[cs.SX, list[cs.SX]]:
@@ -175,6 +187,16 @@ class Recursion:
                 moment[i] -= cs.cross(arm, turned[i])
         torques = [cs.dot(tree.axes[i], moment[i]) for i in range(1, tree.num_links)]
         return cs.vertcat(linear, moment[0], *torques)
+
+    def weight(self, body: Inertials, gravity: cs.SX) -> cs.SX:
+        """Return :meth:`inverse_dynamics` at rest, (6 + n, 1); it needs masses and first moments alone."""
+        tree, (mass, first) = self.tree, self._subtree_first(body)
+        lift = [-self.attitude.T @ gravity]
+        for i in range(1, tree.num_links):
+            lift.append(self._rotations[i].T @ lift[tree.parents[i]])
+        moment = [cs.cross(h, g) for h, g in zip(first, lift, strict=True)]
+        torques = [cs.dot(tree.axes[i], moment[i]) for i in range(1, tree.num_links)]
+        return cs.vertcat(-mass[0] * gravity, moment[0], *torques)
 
     # ---- sums over the tree
 

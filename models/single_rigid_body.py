@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
 
@@ -12,9 +12,10 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Sample, rotation
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Quantity, Sample, rotation
 
 from .bindings import ground_normal
+from .holding import holding_forces
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate
 from .postures import HEIGHT, XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
@@ -69,6 +70,16 @@ class SingleRigidBody(LeggedModel):
     def node_parameters(self, node: Node) -> dict[str, Array]:
         """Return the contact flags and the footholds of a node."""
         return {"contact": self.flags(node.mode), "footholds": self._footholds(node.sample)}
+
+    def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
+        """Return the smallest forces that hold the body at rest, (N, 3 nf) [N]; see :func:`holding_forces`."""
+        arms = p["footholds"].reshape(len(nodes), -1, 3) - states[:-1, None, :3]
+        maps = np.zeros((len(nodes), 6, 3 * self.num_feet))
+        for i in range(3):
+            maps[:, i, i::3] = 1.0
+            maps[:, 3:, i::3] = np.cross(arms, np.eye(3)[i]).swapaxes(1, 2)
+        weight = np.hstack([-p["mass"] * p["gravity"], np.zeros((len(nodes), 3))])
+        return {feet.force: holding_forces(maps, p["contact"], weight)}
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the dynamics, the same for every contact set; see the class."""

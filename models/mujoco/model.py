@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Dynamics, Manifold, Node, Quantities, Quantity, Sample, is_same_time, rotation
+from piaffe.ocp import Block, Dynamics, Manifold, Node, Quantities, Quantity, is_same_time, rotation
 
 from ..bindings import bind_motion, frame_points
 from ..kinematics import Kinematics
@@ -161,11 +161,14 @@ class Mujoco(LeggedModel):
         make.supply(joints.torque, names, lambda: self.action.torque(u, x[7:nq], motion.v[6:]))
         return Dynamics(cs.SX(0, 1), cs.SX(0, 1), Quantities(self.name, make, ABSENT))
 
-    def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
-        """Return the control for the joint angles of the path, within the action's range."""
-        if self.action.quantity != joints.target or joints.position not in sample:
-            return {self.action.quantity: self.action.centre}
-        return {joints.target: np.clip(sample[joints.position], self.action.lower, self.action.upper)}
+    def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
+        """Return the controls for the joint angles of the path, within the action's range, (N, n)."""
+        guess = np.tile(self.action.centre, (len(nodes), 1))
+        if self.action.quantity == joints.target:
+            for row, node in zip(guess, nodes, strict=True):
+                if joints.position in node.sample:
+                    row[:] = np.clip(node.sample[joints.position], self.action.lower, self.action.upper)
+        return {self.action.quantity: guess}
 
     # ---- the simulator
 

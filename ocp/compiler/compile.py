@@ -29,7 +29,6 @@ from ..language import (
     Phase,
     PlacedPhase,
     Problem,
-    Quantity,
     ResetMap,
     Sample,
     Segment,
@@ -41,6 +40,7 @@ from .checks import check_guess, check_last, check_models, check_names, check_ta
 from .compiled import CompiledProblem
 from .compiled_phase import CompiledPhase
 from .finite import check_numbers
+from .guess import guess_controls, guess_states
 from .lowering import LEFT_OUT, lower_mode
 from .mode import LoweredMode
 from .numbers import Numbers
@@ -185,7 +185,10 @@ class Compilation:
         stage_w, terminal_w = self.weights(mode)
         stage, end = stage_w(p[:-1]), terminal_w(p[-1:])
         transition, p_transition, resets = self.transition(span, follower, mode.key, samples[-1])
-        states, controls = self.guess(model, span, samples, i == 0)
+        states = guess_states(model, samples, self.start)
+        if i == 0:
+            states[0] = self.problem.initial
+        controls = guess_controls(model, nodes[:-1], states, mode.layout, p[:-1])
         return CompiledPhase(
             name=span.interval.phase.name,
             label=str(mode_now) if model.cut_by_modes else SCHEDULED,
@@ -259,32 +262,6 @@ class Compilation:
         node = self.node(span, span.end, ending, sample, is_end=True)
         moves = user is not None or model is not follower.model or model.lands(node)
         return lowered, self.numbers.of_transition(lowered, span.segment.dt, node), moves
-
-    # ---- the initial guess
-
-    def guess(self, model: ModelBase, span: HorizonPhase, samples: list[Sample], is_first: bool) -> tuple[Array, Array]:
-        """Return states and controls along the path; a state without targets keeps its initial value (or is zero)."""
-        rows: dict[Quantity, Array] = {}
-        for block in model.state.blocks:
-            initial = self.start.get(block.quantity)
-            if initial is None:
-                initial = np.eye(4)[0] if block.quantity.kind == "rotation" else np.zeros(block.nx)
-            rows[block.quantity] = np.array([sample.get(block.quantity, initial) for sample in samples], dtype=float)
-        states = model.state.np_normalise(model.state.pack(rows))
-        if is_first:
-            states[0] = self.problem.initial
-        return states, self.controls(model, samples[:-1])
-
-    def controls(self, model: ModelBase, samples: list[Sample]) -> Array:
-        """Return the controls at samples, (N, nu): from the path, else from the model's own guess, else zero."""
-        if not model.control.blocks:
-            return np.zeros((len(samples), 0))
-        known = [{**model.control_guess(sample), **sample} for sample in samples]
-        rows = {
-            b.quantity: np.array([each.get(b.quantity, np.zeros(b.nx)) for each in known], dtype=float)
-            for b in model.control.blocks
-        }
-        return model.control.pack(rows)
 
     # ---- terms and parameters that apply nowhere
 

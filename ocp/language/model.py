@@ -8,9 +8,10 @@ model.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from inspect import isfunction, signature
 
 import casadi as cs
 import numpy as np
@@ -157,12 +158,19 @@ class ModelBase(ABC):
     cut_by_modes: bool = field(default=True, kw_only=True)
 
     def __init_subclass__(cls, **options: object) -> None:
-        """Refuse a method with a name that ModelBase does not call any more."""
+        """Refuse methods that ModelBase does not call any more, by their names or their arguments."""
         super().__init_subclass__(**options)
         if "notices" in vars(cls):
             raise ModelError(
                 f"model class '{cls.__name__}': 'notices' was renamed - got a method 'notices', expected 'warnings'; "
                 "rename it"
+            )
+        guess = vars(cls).get("control_guess")
+        if isfunction(guess) and not _takes(guess, 4):
+            raise ModelError(
+                f"model class '{cls.__name__}': 'control_guess' has other arguments now - got "
+                f"control_guess{signature(guess)}, expected control_guess(self, nodes, states, p); return a row per "
+                "stage, from the targets nodes[k].sample"
             )
 
     # ---- what every model defines
@@ -255,8 +263,19 @@ class ModelBase(ABC):
         """The only time step that the model supports [s]; None if it supports any."""
         return None
 
-    def control_guess(self, sample: Sample) -> dict[Quantity, Array]:
-        """Return the initial guess of the control at a sample of the path that has no control; by default zero."""
+    def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
+        """Return the initial guess of the control at the stages of a phase, by default zero.
+
+        The compiler uses it for stages at which the path itself has no control.
+
+        Args:
+            nodes: the first nodes of the N stages.
+            states: the guess of the states, of the phase's last node, too, (N+1, nx).
+            p: the values of the model's slots and ``"dt"`` [s] at the stages, (N, size) each.
+
+        Returns:
+            Values of blocks of the control, (N, size) each; blocks that are left out are zero.
+        """
         return {}
 
     # ---- schedules
@@ -268,6 +287,15 @@ class ModelBase(ABC):
     def until_end(self, dt: float) -> Schedule:
         """Return a schedule of this model until the motion ends, with time step dt [s]."""
         return Schedule((Segment(self, None, dt),))
+
+
+def _takes(function: Callable[..., object], count: int) -> bool:
+    """Return whether a function can be called with this number of positional arguments."""
+    try:
+        signature(function).bind(*range(count))
+    except TypeError:
+        return False
+    return True
 
 
 def model_of(segment: Segment) -> ModelBase:

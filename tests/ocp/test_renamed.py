@@ -34,6 +34,17 @@ def test_a_model_with_notices_is_refused() -> None:
         type("Old", (ocp.ModelBase,), {"notices": lambda self, path: []})
 
 
+def test_a_model_that_guesses_the_control_of_one_sample_is_refused() -> None:
+    expected = (
+        r"model class 'Old': 'control_guess' has other arguments now - got control_guess\(self, sample\), expected "
+        r"control_guess\(self, nodes, states, p\); return a row per stage, from the targets nodes\[k\].sample"
+    )
+    with pytest.raises(ModelError, match=expected):
+        type("Old", (ocp.ModelBase,), {"control_guess": lambda self, sample: {}})
+    for guess in (lambda self, nodes, states, p: {}, lambda self, *arguments: {}):
+        type("New", (ocp.ModelBase,), {"control_guess": guess})
+
+
 def test_the_violations_of_a_verification_were_misses() -> None:
     verification = ocp.Verification(())
     with pytest.raises(AttributeError, match="'misses' was renamed - got 'misses', expected 'violations'"):
