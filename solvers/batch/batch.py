@@ -36,13 +36,13 @@ from ..ilqr import (
     SolverMemory,
     WarmStart,
     assemble,
-    fault,
     first_iterate,
     iterate_from,
     native_memory,
     read_iterate,
     read_outer,
     read_search,
+    with_cause,
     write,
 )
 from ..solution import Solution, Status
@@ -210,8 +210,7 @@ class _Batch:
             if r.gains:
                 for k, phase in enumerate(assemble(run, status, 0.0).phases):
                     r.put(k, i, feedforward=phase.feedforward, feedback=phase.feedback)
-            if status is Status.NOT_FINITE:
-                r.faults[i] = fault(functions, at.iterate, run.outside)
+            status, r.faults[i] = with_cause(status, functions, at.iterate, run.outer, run.outside)
             self._keep(i, run.outer, status, len(run.history), time.perf_counter() - began)
             r.search[i] = run.search_state()
         return status is Status.INTERRUPTED
@@ -291,9 +290,10 @@ class _Batch:
         for k, (x, u) in enumerate(zip(iterate.states, iterate.controls, strict=True)):
             r.put(k, i, states=x, controls=u)
         iterations = c.num_records
+        outside = read_iterate(memory, memory.outside) if status is Status.NOT_FINITE and c.blocked else None
+        status, r.faults[i] = with_cause(status, ProblemFunctions(problem), iterate, outer, outside)
         if status is Status.NOT_FINITE:
-            outside = read_iterate(memory, memory.outside) if c.blocked else None
-            r.faults[i] = fault(ProblemFunctions(problem), iterate, outside) or memory.fault()
+            r.faults[i] = r.faults[i] or memory.fault()
         if r.gains:
             found = memory.library.piaffe_policy(ct.byref(c))
             for k, own in enumerate(memory.arrays):

@@ -53,7 +53,7 @@ class BatchSolution:
         max_defect, max_equality, max_inequality: (batch,), as in a :class:`Solution`.
         phases: trajectories.
         barrier_weight: last ε (batch,).
-        faults: for instances with status ``NOT_FINITE``, a sentence about the number that is not finite; else empty.
+        faults: for instances with status ``NOT_FINITE`` or ``UNSTABLE``, a sentence about the cause; else empty.
         search: state of each search; None for instances that had not started.
         solve_s: time of each instance on its thread (batch,) [s]. wall_s: time of the whole batch [s].
         threads: number of threads.

@@ -1,6 +1,6 @@
 """Multiple-shooting iLQR: the algorithm in NumPy, and the same in C in ``native``."""
 
-from .fault import fault as fault
+from .cause import with_cause as with_cause
 from .iterate import ProblemFunctions as ProblemFunctions
 from .ms_ilqr import MSiLQR as MSiLQR
 from .native import STATUS as STATUS

@@ -14,7 +14,7 @@ from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem, Problem, check_numbers, compile_problem, require_derivatives
 
 from ..solution import Record, Solution, Status
-from .fault import fault
+from .cause import with_cause
 from .iterate import Iterate, ProblemFunctions
 from .native import Backend, native_memory, run_native
 from .options import Options
@@ -129,13 +129,10 @@ class MSiLQR:
                 status = run.loop()
         except KeyboardInterrupt:
             status = Status.INTERRUPTED
-        solution = assemble(run, status, time.perf_counter() - began)
-        if status is not Status.NOT_FINITE:
-            return solution
-        found = fault(self.functions, run.current.iterate, run.outside)
-        if not found and self.memory is not None:
+        status, found = with_cause(status, self.functions, run.current.iterate, run.outer, run.outside)
+        if status is Status.NOT_FINITE and not found and self.memory is not None:
             found = self.memory.fault()
-        return replace(solution, fault=found)
+        return replace(assemble(run, status, time.perf_counter() - began), fault=found)
 
     def start(self, warm_start: Solution | None) -> Iterate:
         """Return the states and controls of the first iterate."""

@@ -38,8 +38,8 @@ class Solution:
         barrier_weight: last ε.
         wall_s: time of the solve [s]. compile_s: time of compilation [s].
         models: model name → recipe. limits: declared limits of constraints, for plots.
-        fault: a sentence about a number that is not finite, with function, declaration, phase, node and time; empty if
-            all are finite.
+        fault: a sentence about the cause of the status. ``NOT_FINITE``: the number, its function, declaration, phase,
+            node and time. ``UNSTABLE``: the phase in which the value function grows most. Empty for other statuses.
         search: state of the search; with it a warm start continues as if the solve had not stopped.
     """
 
@@ -116,7 +116,7 @@ class Solution:
             lines.append(
                 f"- largest defect: phase '{name}', node {node}, '{trajectory.state.labels[row]}' by {size:.3g}"
             )
-        if not self.converged and worst:
+        if not (self.converged or self.status is Status.UNSTABLE) and worst:
             lines.append(
                 f"Smallest relaxation that would admit this iterate: '{worst[0].name}' by {worst[0].amount:.3g} "
                 f"{worst[0].unit}."

@@ -18,6 +18,10 @@ class Status(Enum):
         "No step decreased the merit even with the largest regularisation; the declared limits may exclude each other, "
         "or a term is not smooth here: see explain(), and run the derivative check."
     )
+    UNSTABLE = (
+        "The value function grows beyond bounds, so that no step can be computed: the controls do not stop deviations "
+        "in the phase that explain() names; start from other controls or from a solution, or shorten the horizon."
+    )
     INFEASIBLE = (
         "Stationary, but a constraint stays violated with the largest penalty; the rows that explain() names cannot "
         "all hold: relax them, lengthen the phase or move the keyframe."
