@@ -42,7 +42,7 @@ def holding_forces(maps: Array, contact: Array, wrench: Array) -> Array:
         forces = inverse @ wrench[:, :, None]
         forces = (forces + inverse @ (wrench[:, :, None] - acting @ forces))[..., 0]  # takes out the ridge's error
         vertical = np.where(on, forces[:, 2::3], 0.0)
-        pulls = vertical.min(axis=1) < 0
+        pulls = vertical.min(axis=1, initial=0.0) < 0
         if not pulls.any():
             return forces
         on[pulls, vertical.argmin(axis=1)[pulls]] = False

@@ -67,6 +67,10 @@ def test_forces_are_the_smallest_that_give_the_wrench_or_come_nearest() -> None:
     np.testing.assert_allclose(np.einsum("ij,j->i", maps[0], forces[0]), wrench[0], atol=1e-8)
 
 
+def test_a_robot_without_feet_has_no_forces() -> None:
+    assert holding_forces(np.zeros((2, 6, 0)), np.zeros((2, 0)), np.ones((2, 6))).shape == (2, 0)
+
+
 def test_no_foot_pulls() -> None:
     model = SingleRigidBody(load("mini_cheetah"))
     ahead = np.array([[0.3, 0.1, 0.0], [0.3, -0.1, 0.0], [0.1, 0.1, 0.0], [0.1, -0.1, 0.0]])  # none below the body
