@@ -19,8 +19,8 @@ class Status(Enum):
         "or a term is not smooth here: see explain(), and run the derivative check."
     )
     UNSTABLE = (
-        "The value function grows beyond bounds, so that no step can be computed: the controls do not stop deviations "
-        "in the phase that explain() names; start from other controls or from a solution, or shorten the horizon."
+        "The value function grows beyond bounds, and no step helped: the controls do not stop deviations in the phase "
+        "that explain() names; start from other controls, warm-start from a solution, or shorten the horizon."
     )
     INFEASIBLE = (
         "Stationary, but a constraint stays violated with the largest penalty; the rows that explain() names cannot "
