@@ -57,6 +57,7 @@ from .language import Sample as Sample
 from .language import Schedule as Schedule
 from .language import Segment as Segment
 from .language import Slot as Slot
+from .language import SplitStep as SplitStep
 from .language import Trajectory as Trajectory
 from .language import Values as Values
 from .language import When as When

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as cs
 
 from piaffe.errors import ProblemError, ShapeError
 
-from ..language import Manifold
+from ..language import Manifold, SplitStep
 
 
 def affine(implicit: cs.SX, z: cs.SX, where: str) -> tuple[cs.SX, cs.SX]:
@@ -39,3 +41,53 @@ def tangent_jacobians(
         by_z.append(part[:, nw:])
         first += group.numel()
     return by_w, by_z
+
+
+@dataclass(frozen=True)
+class SplitJacobians:
+    """Derivatives of a step in parts: of d = x⁺ ⊖ xn by (δx, u) is ``finish @ first_w``, by z likewise.
+
+    Args:
+        r_w: of the implicit part by (δx, u).
+        first_w: of what :attr:`SplitStep.first` makes, in its tangent space, by (δx, u).
+        first_z: of the same by z.
+        finish: of d by that tangent.
+    """
+
+    r_w: cs.SX
+    first_w: cs.SX
+    first_z: cs.SX
+    finish: cs.SX
+
+    @property
+    def of_defect(self) -> dict[str, cs.SX]:
+        """The factors of the derivative of d."""
+        return {"first_w": self.first_w, "first_z": self.first_z, "finish": self.finish}
+
+
+def split_jacobians(
+    step: SplitStep, state: Manifold, x: cs.SX, xn: cs.SX, u: cs.SX, z: cs.SX, where: str
+) -> SplitJacobians:
+    """Return the derivatives of a step in parts, as expressions of (x, u, z, p, xn).
+
+    Raises:
+        ProblemError: a part depends on a state that is not its own.
+    """
+    middle, between, dx, nothing = step.middle, cs.SX.sym("between", state.nx), cs.SX.sym("dx", state.ndx), cs.SX(0, 1)
+    end = step.finish(between)
+    for part, expression, others in (
+        ("begin", step.begin, cs.vertcat(middle, u, z)),
+        ("residual and first", cs.vertcat(step.residual, step.first), x),
+        ("finish", end, cs.vertcat(x, middle, u, z)),
+    ):
+        if cs.depends_on(expression, others):
+            raise ProblemError(
+                f"{where}: '{part}' of the step in parts depends on more than its own state - got an expression of "
+                "another part's symbols, expected what ocp.SplitStep says of this part; move it to that part"
+            )
+    (begin,), _ = tangent_jacobians([state.minus_near(step.begin, middle)], state, x, dx, nothing, nothing)
+    by_w, by_z = tangent_jacobians([step.residual, state.minus_near(step.first, between)], state, middle, dx, u, z)
+    (finish,), _ = tangent_jacobians([state.minus(end, xn)], state, between, dx, nothing, nothing)
+    chained = [cs.horzcat(part[:, : state.ndx] @ cs.sparsify(begin), part[:, state.ndx :]) for part in by_w]
+    parts = cs.substitute([*chained, by_z[1], finish], [between], [step.first])
+    return SplitJacobians(*map(cs.sparsify, cs.substitute(parts, [middle], [step.begin])))

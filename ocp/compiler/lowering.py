@@ -10,7 +10,7 @@ from piaffe.errors import ProblemError, UnknownNameError
 
 from ..language import Constraint, Cost, Dynamics, ModelBase
 from .functions import is_smooth, make_derivatives, make_function
-from .linear import affine, tangent_jacobians
+from .linear import affine, split_jacobians, tangent_jacobians
 from .mode import LoweredMode, Row
 from .rows import Rows, TermBinder
 from .symbols import NodeSymbols
@@ -110,18 +110,23 @@ def _derivatives(
 ) -> dict[str, cs.Function]:
     """Return the implicit part and the derivatives of dynamics and rows."""
     x, u, z, p, state = symbols.x, symbols.u, symbols.z, symbols.p, model.state
-    K, r0 = affine(dynamics.implicit, z, f"model '{model.name}', mode '{key}'")
+    where = f"model '{model.name}', mode '{key}'"
+    K, r0 = affine(dynamics.implicit, z, where)
     xn, dx = cs.SX.sym("xn", state.nx), cs.SX.sym("dx", state.ndx)
     # Derivatives by the tangent are those of x + E(x) dx at dx = 0; Gauss-Newton needs no second derivatives.
-    groups = [dynamics.implicit, state.minus(dynamics.next_state, xn), rows["residual"], rows["g"], rows["h"]]
-    by_w, by_z = tangent_jacobians(groups, state, x, dx, u, z)
+    split = None if dynamics.split is None else split_jacobians(dynamics.split, state, x, xn, u, z, where)
+    own = [cs.SX(0, 1)] * 2 if split else [dynamics.implicit, state.minus(dynamics.next_state, xn)]
+    by_w, by_z = tangent_jacobians([*own, *rows.values()], state, x, dx, u, z)
+    if split:
+        by_w[:2], by_z[1] = [split.r_w, split.finish @ split.first_w], split.finish @ split.first_z
     end_by_x, _ = tangent_jacobians(list(end.values()), state, x, dx, cs.SX(0, 1), cs.SX(0, 1))
     names = ["residual", "g", "h"]
     stage = {"x": x, "u": u, "z": z, "p": p, "xn": xn}
     others = dict(zip(["d_w", *(f"{n}_w" for n in names)], by_w[1:], strict=True))
     others |= dict(zip(["d_z", *(f"{n}_z" for n in names)], by_z[1:], strict=True))
     by_u = cs.horzcat(cs.SX(z.numel(), state.ndx), by_w[0][:, state.ndx :])
-    smooth = is_smooth(cs.Function("implicit", [x, u, z, p], [dynamics.implicit]))
+    at, residual = (dynamics.split.middle, dynamics.split.residual) if dynamics.split else (x, dynamics.implicit)
+    smooth = is_smooth(cs.Function("implicit", [at, u, z, p], [residual]))
     return {
         "implicit": make_derivatives("implicit", {"x": x, "u": u, "p": p}, {"K": K}, {"r0": r0}),
         "stage_d": make_derivatives("stage_d", stage, {"r_w": by_w[0], **others}),
@@ -129,7 +134,7 @@ def _derivatives(
         "terminal_d": make_derivatives(
             "terminal_d", {"x": x, "p": p}, {f"{n}_x": j for n, j in zip(names, end_by_x, strict=True)}
         ),
-    }
+    } | ({"split_d": make_derivatives("split_d", stage, split.of_defect)} if split else {})
 
 
 def _cannot(model: ModelBase, error: UnknownNameError) -> str:

@@ -7,6 +7,7 @@ implicit       (x, u, p)         → K, r0                     the implicit part
 stage          (x, u, z, p)      → x_next, residual, g, h    one stage; rows of running terms
 stage_d        (x, u, z, p, xn)  → r_w, and d, residual, g,
                                    h by w and by z
+split_d        (x, u, z, p, xn)  → first_w, first_z, finish  of a step in parts: d_w = finish first_w, d_z likewise
 guess_d        as stage_d        → as stage_d                r_w by x is zero if it is finite wherever x, u, z are
 stage_w        (p)               → weight, g_mask, h_mask    numbers per row; a row with mask 0 has no effect
 terminal       (x, p)            → residual, g, h            the last node of a phase

@@ -13,6 +13,7 @@ from .model import Quantities as Quantities
 from .model import Reset as Reset
 from .model import Sample as Sample
 from .model import Slot as Slot
+from .model import SplitStep as SplitStep
 from .model import model_of as model_of
 from .motion import Motion as Motion
 from .own_model import Model as Model

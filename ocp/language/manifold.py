@@ -138,6 +138,15 @@ class Manifold:
                 parts.append(value + step)
         return cs.vertcat(*parts)
 
+    def minus_near(self, x1: cs.SX, x0: cs.SX) -> cs.SX:
+        """Return a δ that equals x1 ⊖ x0 to first order at x1 = x0, without Log; the compiler differentiates it."""
+        parts = []
+        for block in self.blocks:
+            a, b = x1[self.slices[block.quantity]], x0[self.slices[block.quantity]]
+            rotates = block.quantity.kind == "rotation"
+            parts.append(2 * rotation.multiply(rotation.conjugate(b), a)[1:] if rotates else a - b)
+        return cs.vertcat(*parts)
+
     # ---- NumPy, over any leading axes
 
     def np_plus(self, x: Array, dx: Array) -> Array:

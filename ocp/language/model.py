@@ -115,6 +115,34 @@ def _same(bound: Bound) -> Bound:
 
 
 @dataclass(frozen=True)
+class SplitStep:
+    """A step in parts, with states m and w on the way: m = begin(x, p), r(m, u, z, p) = 0, w(m, u, z, p), x⁺(w, p).
+
+    A solver multiplies by the derivatives of the parts one after the other. That is faster than by their product if
+    many rows of each part are simple (a position that a velocity moves) and those of the product are not. All states
+    have the layout of the model's, with quaternions of unit length.
+
+    Args:
+        middle: symbols of m, (nx, 1).
+        begin: m as an expression of x and p, (nx, 1).
+        residual: r as an expression of (m, u, z, p), (nz, 1).
+        first: w as an expression of (m, u, z, p), (nx, 1).
+        finish: returns x⁺, (nx, 1), as an expression of its argument w and of p.
+    """
+
+    middle: cs.SX
+    begin: cs.SX
+    residual: cs.SX
+    first: cs.SX
+    finish: Callable[[cs.SX], cs.SX]
+
+    def dynamics(self, quantities: Quantities, outputs: tuple[Quantity, ...] = ()) -> Dynamics:
+        """Return the dynamics with this step."""
+        implicit, first = cs.substitute([self.residual, self.first], [self.middle], [self.begin])
+        return Dynamics(implicit, self.finish(first), quantities, outputs, self)
+
+
+@dataclass(frozen=True)
 class Dynamics:
     """One mode of a model as expressions of (x, u, z, p).
 
@@ -123,12 +151,14 @@ class Dynamics:
         next_state: the discrete step given z, (nx, 1); (0, 1) of a model without derivatives.
         quantities: the quantities that terms may use.
         outputs: quantities that a trajectory records in addition to state and control (contact forces).
+        split: the step in parts, if solvers are to multiply by the derivatives of each; see :class:`SplitStep`.
     """
 
     implicit: cs.SX
     next_state: cs.SX
     quantities: Quantities
     outputs: tuple[Quantity, ...] = ()
+    split: SplitStep | None = None
 
 
 @dataclass(frozen=True)

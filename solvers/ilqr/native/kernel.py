@@ -11,11 +11,11 @@ from piaffe.ocp import LoweredMode, LoweredTransition
 
 from .elimination import Elimination, eliminate
 from .nonzeros import Nonzeros
-from .tables import defines, dynamics_rows, table
+from .tables import defines, dynamics_rows, finish_entries, table
 
-MODE_FUNCTIONS = ("implicit", "stage", "stage_d", "terminal", "terminal_d")
+MODE_FUNCTIONS = ("implicit", "stage", "stage_d", "split_d", "terminal", "terminal_d")
 TRANSITION_FUNCTIONS = ("implicit", "reset", "reset_d")
-"""The functions of a mode and of a transition that a kernel contains."""
+"""The functions of a mode and of a transition that a kernel contains; a mode's step need not be split."""
 WHOLE_VECTORS = 8
 """The number of outputs of a function is rounded up to a multiple of this."""
 
@@ -78,10 +78,15 @@ def mode_kernel(number: int, mode: LoweredMode) -> Kernel:
     K, r0 = f["implicit"](x, u, p)
     implicit = _Implicit(K, r0, mode.model.definite_size(mode.key))
     r_w, d_w, *by_w, d_z, res_z, g_z, h_z = f["stage_d"](x, u, z, p, xn)
+    beyond = cs.SX(state.ndx, state.ndx)
+    if "split_d" in f:
+        d_w, d_z, finish = f["split_d"](x, u, z, p, xn)
+        beyond = cs.sparsify(finish - cs.SX.eye(state.ndx))
     J = cs.horzcat(cs.vertcat(*by_w), cs.vertcat(res_z, g_z, h_z))
     slope, curvature, gradient, hessian = _contracted(J)
     out = _Outputs()
     _sensitivity(out, implicit.elimination, r_w, d_w, d_z)
+    out.add("finish", Nonzeros.of(beyond.T).values, finish_entries(beyond.sparsity()))
     _model(out, implicit.elimination, gradient, hessian, nw)
     end_slope, end_curvature, end_gradient, end_hessian = _contracted(cs.SX(cs.vertcat(*f["terminal_d"](x, p))))
     end = Nonzeros.of(end_hessian)

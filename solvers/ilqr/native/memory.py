@@ -128,21 +128,24 @@ class SolverMemory:
         phases = self._keep((s.Phase * len(self.problem.phases))())
         for i, (c, phase) in enumerate(zip(phases, self.problem.phases, strict=True)):
             n, nx, ndx, nu = phase.num_stages, phase.mode.state.nx, phase.mode.state.ndx, phase.mode.nu
+            table = f"mode{list(modes).index(phase.mode)}_table"
+            finish = s.ModeSizes.in_dll(self.library, table).num_finish
             nw, after = ndx + nu, phase.transition.target.state.ndx if phase.transition is not None else 0
             sizes = {
                 "x": (n + 1) * nx, "xt": (n + 1) * nx, "u": n * nu, "ut": n * nu,
                 "x_outside": (n + 1) * nx, "u_outside": n * nu, "x_next": n * nx, "start": nx,
-                "d": (n + 1) * ndx, "dt_trial": (n + 1) * ndx, "D": n * ndx * nw, "grad": n * nw, "H": n * nw * nw,
-                "end_grad": ndx, "end_H": ndx * ndx, "P": after * ndx, "dx": (n + 1) * ndx, "du": n * nu, "k": n * nu,
-                "K": n * nu * ndx, "V_x": (n + 1) * ndx, "V_xx": (n + 1) * ndx * ndx, "Q_x": n * ndx, "Q_u": n * nu,
-                "Q_xx": n * ndx * ndx, "Q_ux": n * nu * ndx, "Q_uu": n * nu * nu,
+                "d": (n + 1) * ndx, "dt_trial": (n + 1) * ndx, "D": n * ndx * nw, "finish": n * finish,
+                "grad": n * nw, "H": n * nw * nw, "end_grad": ndx, "end_H": ndx * ndx, "P": after * ndx,
+                "dx": (n + 1) * ndx, "du": n * nu, "k": n * nu, "K": n * nu * ndx, "V_x": (n + 1) * ndx,
+                "V_xx": (n + 1) * ndx * ndx, "Q_x": n * ndx, "Q_u": n * nu, "Q_xx": n * ndx * ndx,
+                "Q_ux": n * nu * ndx, "Q_uu": n * nu * nu,
             }  # fmt: skip
             arrays = {name: self._array(size) for name, size in sizes.items()}
             self.arrays.append(arrays)
             for name, array in arrays.items():
                 setattr(c, name, array.ctypes.data)
             c.N, c.dt = n, phase.dt
-            c.mode = ct.addressof(ct.c_char.in_dll(self.library, f"mode{list(modes).index(phase.mode)}_table"))
+            c.mode = ct.addressof(ct.c_char.in_dll(self.library, table))
             if i + 1 < len(phases):
                 c.next = ct.pointer(phases[i + 1])
         return phases
@@ -221,7 +224,7 @@ class SolverMemory:
         It is used if NumPy finds all values finite: NumPy's linear solve of the implicit step has pivots, this one not.
         """
         for phase, own in zip(self.problem.phases, self.arrays, strict=True):
-            for name, of in (("x_next", ""), ("D", "derivative of ")):
+            for name, of in (("x_next", ""), ("D", "derivative of "), ("finish", "derivative of ")):
                 bad = np.flatnonzero(~np.isfinite(own[name].reshape(phase.num_stages, -1)).all(axis=1))
                 if bad.size:
                     return (

@@ -19,7 +19,8 @@ TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encod
     "piaffe.h", "parts.h",
     "solver.c", "manifold.inc", "barrier.inc", "trial.inc", "model.inc", "direction.inc", "search.inc", "outer.inc",
     "parts.inc",
-    "mode.inc", "transition.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "rollout.inc",
+    "mode.inc", "transition.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "finish.inc",
+    "rollout.inc",
 )}  # fmt: skip
 """Shared headers; files of the solver's unit; files of the units of modes and transitions."""
 
@@ -68,7 +69,7 @@ def source_parts(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTrans
 
 
 def _serialized(functions: Mapping[str, cs.Function], names: tuple[str, ...]) -> list[str]:
-    return [functions[name].serialize() for name in names]
+    return [functions[name].serialize() if name in functions else "none" for name in names]
 
 
 def program(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTransition, ...]) -> Program:

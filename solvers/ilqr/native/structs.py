@@ -22,8 +22,8 @@ RECORD = [
     "regularization", "barrier_weight", "wall_s",
 ]  # fmt: skip
 _OF_PHASE = [
-    "x", "u", "xt", "ut", "x_outside", "u_outside", "x_next", "start", "d", "dt_trial", "D", "grad", "H", "end_grad",
-    "end_H", "P", "dx", "du", "k", "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
+    "x", "u", "xt", "ut", "x_outside", "u_outside", "x_next", "start", "d", "dt_trial", "D", "finish", "grad", "H",
+    "end_grad", "end_H", "P", "dx", "du", "k", "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
 ]  # fmt: skip
 _OF_BLOCK = [
     "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "factors",
@@ -65,7 +65,7 @@ Phase._fields_ = [
 class ModeSizes(ct.Structure):
     """The sizes at the beginning of a mode's table."""
 
-    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nu", "nz", "nf")]
+    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nu", "nz", "nf", "num_finish")]
 
 
 class TransitionSizes(ct.Structure):

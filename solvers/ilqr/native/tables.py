@@ -44,10 +44,28 @@ def dynamics_rows(d_w: cs.Sparsity, d_z: cs.Sparsity) -> list[str]:
     entries = [(r, c) for c, rows in enumerate(by_column) for r in rows]
     lines = [*defines(NUM_DENSE=len(dense), NUM_SPARSE=len(entries)), table("dense_row", dense)]
     lines += [*lists("sparse", by_column), table("sparse_col", [c for _, c in entries])]
+    return lines + diagonals("shift", entries, num_cols)
+
+
+def finish_entries(finish: cs.Sparsity) -> list[str]:
+    """Return the tables of ``finish.inc``: entries of S, column by column as CasADi stores them."""
+    columns, size = finish.get_col(), finish.size2()
+    by_column = [[r for r, c in zip(finish.row(), columns, strict=True) if c == column] for column in range(size)]
+    lines = [*defines(NUM_FINISH=finish.nnz()), *lists("finish", by_column), table("finish_col", columns)]
+    return lines + diagonals("finish_shift", list(zip(finish.row(), columns, strict=True)), size)
+
+
+def diagonals(name: str, entries: Sequence[tuple[int, int]], num_cols: int) -> list[str]:
+    """Return, for each width of a vector, the diagonals of a sparse matrix per vector of its columns.
+
+    ``name`` with the width has the distance of each diagonal from the main one, ``_at`` the place of each entry among
+    the diagonals.
+    """
+    lines = []
     for width in WIDTHS:
-        diagonals = sorted({(c // width, c - r) for r, c in entries})
-        by_vector = [[shift for v, shift in diagonals if v == vector] for vector in range(-(-num_cols // width))]
-        at = {diagonal: k * width for k, diagonal in enumerate(diagonals)}
-        lines += lists(f"shift{width}", by_vector)
-        lines.append(table(f"shift{width}_at", [at[c // width, c - r] + c % width for r, c in entries]))
+        known = sorted({(c // width, c - r) for r, c in entries})
+        by_vector = [[shift for v, shift in known if v == vector] for vector in range(-(-num_cols // width))]
+        at = {diagonal: k * width for k, diagonal in enumerate(known)}
+        lines += lists(f"{name}{width}", by_vector)
+        lines.append(table(f"{name}{width}_at", [at[c // width, c - r] + c % width for r, c in entries]))
     return lines

@@ -25,12 +25,13 @@ struct Phase;
 
 /* One mode: its sizes, and functions that are compiled with these sizes as constants. */
 typedef struct {
-    int nx, ndx, nu, nz, nf, np, nr, ng, nh, mr, mg, mh;
+    int nx, ndx, nu, nz, nf, num_finish, np, nr, ng, nh, mr, mg, mh;
     int num_parts;                          /* parts of the state: */
     const int *part_size, *part_is_rotation; /* size in the tangent; 1 for a quaternion */
     void (*values)(const Block *b, const double *const *x, const double *const *u, double *const *x_next);
     void (*lq)(const Block *b, const double *const *x, const double *const *u, const double *const *xn,
-               const double *slope, const double *curvature, double *const *D, double *const *grad, double *const *H);
+               const double *slope, const double *curvature, double *const *D, double *const *finish,
+               double *const *grad, double *const *H);
     void (*end_values)(const Block *b, const double *const *x);
     void (*end_lq)(const Block *b, const double *const *x, const double *slope, const double *curvature,
                    double *const *grad, double *const *H);
@@ -57,7 +58,8 @@ typedef struct Phase {
     double *x_next;                          /* dynamics of the stages at trial and accepted: (N, nx) */
     double *start;                          /* the initial state or the result of the reset, to compare with node 0: (nx) */
     double *d, *dt_trial;                   /* defects, accepted and trial: (N+1, ndx) */
-    double *D, *grad, *H;                   /* (N, ndx, nw), (N, nw), (N, nw, nw) upper */
+    double *D, *finish;                     /* (N, ndx, nw), (N, num_finish): of a step in parts, see finish.inc */
+    double *grad, *H;                       /* (N, nw), (N, nw, nw) upper */
     double *end_grad, *end_H;               /* (ndx), (ndx, ndx) upper */
     double *P;                              /* (ndx of the next, ndx) */
     double *dx, *du;                        /* step */
