@@ -1,7 +1,8 @@
 """Compare with Crocoddyl: a quadruped standing on four feet, the same robot, contacts, nodes, dt, costs and iterate.
 
 First accelerations, contact forces, their derivatives and the costs are compared, tangents mapped to each other; then
-both are timed in turns, one thread each. Needs the environment of ``make bench`` (crocoddyl 3.2.1 with pin 4.0.0).
+both are timed in turns, one thread each. Both take Euler's steps; in the same turns Piaffe is also timed with midpoint
+steps. Needs the environment of ``make bench`` (crocoddyl 3.2.1 with pin 4.0.0).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 from time import thread_time
-from typing import Any
+from typing import Any, Literal
 
 import crocoddyl
 import numpy as np
@@ -37,6 +38,8 @@ Array = NDArray[np.float64]
 NODES, DT, GAMMA = 100, 0.01, 20.0  # [s], [1/s]
 POSITION, VELOCITY, TORQUE = 1.0, 0.1, 0.01  # weights
 WIDTHS = (8, 4, 1)
+STEPS: dict[str, Literal["euler", "midpoint"]] = {"": "euler", " midpoint": "midpoint"}
+"""Integrators of ours, by the end of a result's name; theirs is Euler's."""
 TOLERANCE = 1e-8
 SOLVE_ITERATIONS = 5  # all taken in full by both
 CALLS = 5  # of a part or a solve per turn: the least of them was not interrupted
@@ -45,9 +48,9 @@ CALLS = 5  # of a part or a solve per turn: the least of them was not interrupte
 # ---- one problem, stated twice
 
 
-def our_problem(robot: models.Robot) -> ocp.CompiledProblem:
+def our_problem(robot: models.Robot, integrator: Literal["euler", "midpoint"] = "euler") -> ocp.CompiledProblem:
     """Return the robot standing, asked to come 2 cm forward and 1 cm down."""
-    body = models.WholeBody(robot, baumgarte=GAMMA)
+    body = models.WholeBody(robot, baumgarte=GAMMA, integrator=integrator)
     target = ocp.Keyframe(position=(0.02, 0, robot.base_height("stand") - 0.01), joints="stand")
     motion = ocp.Motion(ocp.Phase("stand", models.stance(robot.foot_names), NODES * DT, target))
     objective = ocp.Objective(
@@ -301,16 +304,18 @@ def compare(name: str, repeats: int) -> tuple[dict[str, Any], SolverMemory]:
     robot = models.load(name)
     ours = our_problem(robot)
     theirs = their_problem(robot, ours)
+    both = {end: our_problem(robot, integrator) for end, integrator in STEPS.items()}
     found = differences(robot, ours, theirs, {f"W={width}": width for width in WIDTHS})
     result: dict[str, Any] = {"differences": found}
     x, u = [to_theirs(state) for state in ours.phases[0].guess_states], list(ours.phases[0].guess_controls)
     fddp = crocoddyl.SolverFDDP(theirs)
     fddp.th_stop = 1e-30
     parts = their_parts(crocoddyl.SolverFDDP(their_problem(robot, ours)), x, u)
-    machines = {f"W={width}": machine_at(ours, width) for width in WIDTHS}
+    machines = {f"W={width}{end}": machine_at(both[end], width) for end in both for width in WIDTHS}
     for machine in machines.values():
         machine.c.options.cost_tolerance = 1e-30
-    require_full_steps(fddp, x, u, machines["W=8"])
+    for end in both:
+        require_full_steps(fddp, x, u, machines[f"W=8{end}"])
     samples: dict[str, list[dict[str, float]]] = {"crocoddyl": [], **{who: [] for who in machines}}
     for _ in range(repeats):  # in turns, so that whatever else the machine does disturbs all alike
         solved = each(lambda n: their_solve(fddp, x, u, n))
@@ -358,10 +363,11 @@ def main(robots: list[str], repeats: int = 60, json: bool = False, save: bool = 
         lines.append(
             f"{name}, {NODES} nodes; largest relative difference {worst:.1e}; µs per node (times faster), medians"
         )
-        lines.append(f"{'':26}{'Crocoddyl':>10}" + "".join(f"{f'W={w}':>18}" for w in WIDTHS))
+        names = list(result["times_faster"])
+        lines.append(f"{'':26}{'Crocoddyl':>10}" + "".join(f"{who:>18}" for who in names))
         for part, took in result["us_per_node"]["crocoddyl"].items():
             row = f"  {part:24}{took['median']:10.2f}"
-            for who in (f"W={width}" for width in WIDTHS):
+            for who in names:
                 ratio = result["times_faster"][who][part]["median"]
                 row += f"{result['us_per_node'][who][part]['median']:10.2f} ({ratio:5.1f})"
             lines.append(row)

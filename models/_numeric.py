@@ -35,11 +35,11 @@ class NumericWholeBody(LeggedModel):
 
     def acceleration(self, x: ArrayLike, u: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
         """Return dv/dt, (nv,)."""
-        return self._solve_contact(x, u, feet, parameters)[: self.tree.nv]
+        return self._solve_contact(x, u, feet, 0.0, parameters)[: self.tree.nv]
 
     def contact_forces(self, x: ArrayLike, u: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
         """Return the world force of the ground on each foot, (nf, 3) [N]; it is zero for feet in the air."""
-        forces = self._solve_contact(x, u, feet, parameters)[self.tree.nv :].reshape(-1, 3)
+        forces = self._solve_contact(x, u, feet, 0.0, parameters)[self.tree.nv :].reshape(-1, 3)
         return forces * self.flags(feet)[:, None]
 
     def impact(self, x: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
@@ -54,7 +54,7 @@ class NumericWholeBody(LeggedModel):
         """Return the state one time step later, (nx,), with a unit quaternion."""
         p = self.numbers(contact=self.flags(feet), **parameters)
         state, control = self.checked("x", x, self.state.nx), self.checked("u", u, self.control.nx)
-        z = self._solve_contact(state, control, feet, parameters)
+        z = self._solve_contact(state, control, feet, dt, parameters)
         return self.state.np_normalise(self._functions["step"](state, control, z, dt, *p.values()).full().ravel())
 
     def foot_positions(self, x: ArrayLike) -> Array:
@@ -83,12 +83,14 @@ class NumericWholeBody(LeggedModel):
     def _holding(self) -> Holding:
         return Holding(self.tree, self.contacts)
 
-    def _solve_contact(self, x: ArrayLike, u: ArrayLike, feet: Contacts, parameters: dict[str, Any]) -> Array:
-        """Return z = (a, F)."""
+    def _solve_contact(
+        self, x: ArrayLike, u: ArrayLike, feet: Contacts, dt: float, parameters: dict[str, Any]
+    ) -> Array:
+        """Return z = (a, F) of a time step; with dt = 0 that of the continuous dynamics."""
         state = self.checked("x", x, self.state.nx)
         control = self.checked("u", u, self.control.nx)
         p = self.numbers(contact=self.flags(feet), **parameters)
-        residual, matrix = self._functions["contact"](state, control, *p.values())
+        residual, matrix = self._functions["contact"](state, control, dt, *p.values())
         z: Array = -np.linalg.solve(matrix.full(), residual.full().ravel())
         return z
 
@@ -112,7 +114,7 @@ class NumericWholeBody(LeggedModel):
         with_v = Recursion(self.tree, x[:nq], v)
         M = rest.mass_matrix(body) + cs.diag(cs.vertcat(cs.SX(6, 1), p["armature"]))
         outputs: dict[str, tuple[list[cs.SX], list[cs.SX]]] = {
-            "contact": ([x, u], [cs.substitute(dynamics.implicit, z, zero), cs.jacobian(dynamics.implicit, z)]),
+            "contact": ([x, u, dt], [cs.substitute(dynamics.implicit, z, zero), cs.jacobian(dynamics.implicit, z)]),
             "impact": ([x], [cs.substitute(reset.implicit, z, zero), cs.jacobian(reset.implicit, z)]),
             "step": ([x, u, z, dt], [dynamics.next_state]),
             "feet": ([x], [cs.vertcat(*map(rest.point, self.contacts))]),

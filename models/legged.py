@@ -31,12 +31,6 @@ VELOCITY_BLOCKS = (
 )
 
 
-def integrate(q: cs.SX, v: cs.SX, dt: cs.SX) -> cs.SX:
-    """Return q ⊕ v dt of a floating base and joints, (nq, 1); v in the state's layout."""
-    turned = rotation.multiply(q[3:7], rotation.exp(v[3:6] * dt))
-    return cs.vertcat(q[:3] + v[:3] * dt, turned, q[7:] + v[6:] * dt)
-
-
 class LeggedModel(ModelBase):
     """A model of a robot whose modes are contact sets; all contact sets share the dynamics ``"contact"``.
 
@@ -72,6 +66,15 @@ class LeggedModel(ModelBase):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}('{self.name}')"
+
+    @property
+    def nodes_after_liftoff(self) -> int:
+        """Number of nodes after its liftoff at which a foot's position depends on the stance, and not on the swing.
+
+        It is 2 if a step moves positions by the velocity at its start: the second node then depends on the last
+        velocity of the stance.
+        """
+        return 2
 
     @property
     def num_feet(self) -> int:
@@ -117,12 +120,11 @@ class LeggedModel(ModelBase):
     def node_parameters(self, node: Node) -> dict[str, Array]:
         """Return the slots ``contact``, ``landing`` and ``lifting`` of a node, (nf,) each.
 
-        ``landing`` is 1 for feet that touch down at the end of the phase. ``lifting`` is 1 at the first two nodes after
-        a foot's stance: there its position depends on the last state of the stance alone (on its position, and one
-        explicit step later on its velocity), and not on the swing.
+        ``landing`` is 1 for feet that touch down at the end of the phase. ``lifting`` is 1 at the first
+        :attr:`nodes_after_liftoff` nodes after a foot's stance.
         """
         contact = self._standing(node.mode)
-        just_left = node.previous_mode is not None and node.steps <= 1
+        just_left = node.previous_mode is not None and node.steps < self.nodes_after_liftoff
         previous = self._standing(node.previous_mode) if just_left else np.zeros(self.num_feet)
         lifting = np.maximum(previous - contact, 0.0)
         ends = node.next_mode is not None

@@ -39,7 +39,8 @@ feet = group(
 """The feet. ``height`` is the distance between the foot's ball and the terrain. ``reach`` is the position of a foot
 relative to the base's origin in the base's heading axes: ahead and left. ``force`` acts on the robot; it is zero for
 feet in the air. ``contact`` is 1 for feet on the ground, ``landing`` is 1 for feet that touch down at the phase's end,
-``lifting`` is 1 for feet at the first two nodes after their liftoff."""
+``lifting`` is 1 for feet whose place after their liftoff depends on the stance alone: at the first node; with Euler's
+step at the first two."""
 
 com = group("com", position=("m", "point"), velocity=("m/s", "direction"))
 """The centre of mass of the whole robot."""

@@ -41,14 +41,19 @@ class Recursion:
         q: configuration, (7 + n, 1); the quaternion is used as given, unit or not.
         v: velocity, (6 + n, 1); None at rest.
         a: acceleration, (6 + n, 1); None for zero.
+        dt: if given, the step over which a is the mean acceleration [s]. Squares of velocities in accelerations and
+            forces are then products of v and v + a dt, and γ acts on their mean.
     """
 
-    def __init__(self, tree: Tree, q: cs.SX, v: cs.SX | None = None, a: cs.SX | None = None) -> None:
+    def __init__(
+        self, tree: Tree, q: cs.SX, v: cs.SX | None = None, a: cs.SX | None = None, dt: cs.SX | None = None
+    ) -> None:
         self.tree = tree
         self.position = q[:3]
         self.attitude = rotation.matrix(q[3:7])
         self.v = cs.SX.zeros(tree.nv) if v is None else v
         self.a = cs.SX.zeros(tree.nv) if a is None else a
+        self.v_next = self.v if dt is None else self.v + self.a * dt
         rotations = [self.attitude]
         for i in range(1, tree.num_links):
             rotations.append(_rotation(tree.rotations[i], tree.axes[i], q[6 + i]))
@@ -60,22 +65,34 @@ class Recursion:
 
     # ---- motion of the links, from the base to the feet
 
+    def _angular(self, v: cs.SX) -> list[cs.SX]:
+        """Return the angular velocity of every link at a velocity v."""
+        omega = [v[3:6]]
+        for i in range(1, self.tree.num_links):
+            omega.append(self._rotations[i].T @ omega[self.tree.parents[i]] + self.tree.axes[i] * v[5 + i])
+        return omega
+
     @cached_property
     def _omega(self) -> list[cs.SX]:
-        omega = [self.v[3:6]]
-        for i in range(1, self.tree.num_links):
-            omega.append(self._rotations[i].T @ omega[self.tree.parents[i]] + self.tree.axes[i] * self.v[5 + i])
-        return omega
+        return self._angular(self.v)
+
+    @cached_property
+    def _omega_next(self) -> list[cs.SX]:
+        return self._omega if self.v_next is self.v else self._angular(self.v_next)
 
     @cached_property
     def _spin(self) -> list[cs.SX]:
         """Ω of every link, from its angular acceleration and velocity."""
-        alpha = [self.a[3:6]]
+        alpha, omega = [self.a[3:6]], self._omega
+        omega_next = self._omega_next
         for i in range(1, self.tree.num_links):
-            rate = self.tree.axes[i] * self.v[5 + i]
+            axis = cs.SX(self.tree.axes[i])
+            turning = cs.cross(omega[i], axis * self.v_next[5 + i])
+            if omega_next is not omega:
+                turning = 0.5 * (turning + cs.cross(omega_next[i], axis * self.v[5 + i]))
             parent = self._rotations[i].T @ alpha[self.tree.parents[i]]
-            alpha.append(parent + self.tree.axes[i] * self.a[5 + i] + cs.cross(self._omega[i], rate))
-        return [_spin(alpha_i, omega_i) for alpha_i, omega_i in zip(alpha, self._omega, strict=True)]
+            alpha.append(parent + axis * self.a[5 + i] + turning)
+        return [_spin(*each) for each in zip(alpha, omega, omega_next, strict=True)]
 
     def _origins(self, maps: list[cs.SX]) -> list[cs.SX]:
         """Return the motion of every link's origin relative to the base origin, in the link's frame.
@@ -117,8 +134,12 @@ class Recursion:
 
     def acceleration(self, point: Point, gamma: cs.SX | float = 0.0) -> cs.SX:
         """Return a point's world (classical) acceleration, plus γ times its velocity, (3, 1) [m/s²]."""
-        maps = [spin + gamma * cs.skew(w) for spin, w in zip(self._spin, self._omega, strict=True)]
-        return self.a[:3] + gamma * self.v[:3] + self.attitude @ self._motion(point, maps)
+        v, omega = self.v, self._omega
+        if self.v_next is not self.v:
+            v = 0.5 * (v + self.v_next)
+            omega = [0.5 * (w + w_next) for w, w_next in zip(omega, self._omega_next, strict=True)]
+        maps = [spin + gamma * cs.skew(w) for spin, w in zip(self._spin, omega, strict=True)]
+        return self.a[:3] + gamma * v[:3] + self.attitude @ self._motion(point, maps)
 
     def jacobian(self, point: Point) -> cs.SX:
         """Return J of a point: J v is its world velocity, (3, 6 + n)."""
@@ -242,10 +263,14 @@ def _rotation(placed: Array, axis: Array, angle: cs.SX) -> cs.SX:
     return parts[0] + cs.cos(angle) * parts[1] + cs.sin(angle) * parts[2]
 
 
-def _spin(alpha: cs.SX, omega: cs.SX) -> cs.SX:
-    """Return Ω = [α×] + [ω×]², (3, 3)."""
-    x, y, z = cs.vertsplit(omega)
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+def _spin(alpha: cs.SX, omega: cs.SX, omega_next: cs.SX) -> cs.SX:
+    """Return Ω = [α×] + [ω×]², (3, 3); the square is ½ ([ω×] [ω⁺×] + [ω⁺×] [ω×]) of two velocities."""
+    (x, y, z), (u, v, w) = cs.vertsplit(omega), cs.vertsplit(omega_next)
+    xx, yy, zz = x * u, y * v, z * w
+    if omega_next is omega:
+        xy, xz, yz = x * y, x * z, y * z
+    else:
+        xy, xz, yz = 0.5 * (x * v + y * u), 0.5 * (x * w + z * u), 0.5 * (y * w + z * v)
     a, b, c = cs.vertsplit(alpha)
     return stack([[-(yy + zz), xy - c, xz + b], [xy + c, -(xx + zz), yz - a], [xz - b, yz + a, -(xx + yy)]])
 

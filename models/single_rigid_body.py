@@ -12,11 +12,12 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Quantity, Sample, rotation
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Quantity, Sample, SplitStep, rotation
 
 from .bindings import ground_normal
 from .holding import holding_forces
-from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, integrate
+from .integrators import Integrator, begun, checked_integrator, finished, integrate
+from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel
 from .postures import HEIGHT, XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
 from .robot import Robot, require_robot
@@ -42,11 +43,18 @@ class SingleRigidBody(LeggedModel):
         mass: m [kg]; by default the mass of all links.
         inertia: I in body axes, (3, 3) or its xx, yy, zz, xy, xz, yz [kg m²]; by default the inertia of the robot in
             its ``"stand"`` pose, about its centre of mass.
+        integrator: ``"midpoint"`` or ``"euler"``, see :class:`WholeBody`; midpoint steps are exact in the position.
         name: name of the model.
     """
 
     def __init__(
-        self, robot: Robot, *, mass: float | None = None, inertia: ArrayLike | None = None, name: str | None = None
+        self,
+        robot: Robot,
+        *,
+        mass: float | None = None,
+        inertia: ArrayLike | None = None,
+        integrator: Integrator = "midpoint",
+        name: str | None = None,
     ) -> None:
         require_robot(robot, "models.SingleRigidBody")
         if mass is not None and not (isinstance(mass, int | float | np.floating) and 0 < mass < np.inf):
@@ -54,6 +62,7 @@ class SingleRigidBody(LeggedModel):
                 f"rigid body of '{robot.name}': mass is out of range - got {mass!r}, expected a positive number [kg]; "
                 "give one"
             )
+        chosen = checked_integrator(integrator, ("euler", "midpoint"), f"rigid body of '{robot.name}'")
         nf = len(robot.feet)
         slots = {
             "contact": np.zeros(nf),
@@ -66,6 +75,11 @@ class SingleRigidBody(LeggedModel):
         control = Manifold((Block(feet.force, foot_labels(robot)),))
         state = (*POSE_BLOCKS, *VELOCITY_BLOCKS)
         super().__init__(robot, name or f"{robot.name} rigid body", state, control, slots=slots, cut_by_modes=False)
+        self.integrator = chosen
+
+    def recipe(self) -> dict[str, object]:
+        """Return the kind of model, the robot, and the integrator."""
+        return {**super().recipe(), "integrator": self.integrator}
 
     def node_parameters(self, node: Node) -> dict[str, Array]:
         """Return the contact flags and the footholds of a node."""
@@ -83,7 +97,9 @@ class SingleRigidBody(LeggedModel):
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the dynamics, the same for every contact set; see the class."""
-        position, R, omega = x[:3], rotation.matrix(x[3:7]), x[10:13]
+        dt = p["dt"]
+        at = x if self.integrator == "euler" else cs.SX.sym("m", self.state.nx)
+        position, R, omega = at[:3], rotation.matrix(at[3:7]), at[10:13]
         force, torque = cs.SX.zeros(3), cs.SX.zeros(3)
         for i in range(self.num_feet):
             acting = p["contact"][i] * u[3 * i : 3 * i + 3]
@@ -91,11 +107,18 @@ class SingleRigidBody(LeggedModel):
             torque += cs.cross(p["footholds"][3 * i : 3 * i + 3] - position, acting)
         xx, yy, zz, xy, xz, yz = cs.vertsplit(p["inertia"])
         tensor = cs.vertcat(cs.horzcat(xx, xy, xz), cs.horzcat(xy, yy, yz), cs.horzcat(xz, yz, zz))
-        spin = R.T @ torque - cs.cross(omega, tensor @ omega)
-        a = cs.vertcat(force / p["mass"] + p["gravity"], _inverse(tensor) @ spin)
-        next_state = cs.vertcat(integrate(x[:7], x[7:13], p["dt"]), x[7:13] + a * p["dt"])
-        quantities = Quantities(self.name, self._makers(x, u, R @ tensor @ omega, p))
-        return Dynamics(cs.SX(0, 1), next_state, quantities, outputs=(feet.force,))
+        inertia, momentum = tensor, tensor @ omega
+        if self.integrator == "midpoint":  # ω × I ω is the mean of ω × I ω⁺ and ω⁺ × I ω, with ω⁺ = ω + ω̇ dt
+            inertia = tensor + dt / 2 * (cs.skew(omega) @ tensor - cs.skew(momentum))
+        spin = _inverse(inertia) @ (R.T @ torque - cs.cross(omega, momentum))
+        v_next = at[7:13] + cs.vertcat(force / p["mass"] + p["gravity"], spin) * dt
+        quantities = Quantities(self.name, self._makers(x, u, rotation.matrix(x[3:7]) @ tensor @ x[10:13], p))
+        if at is x:
+            next_state = cs.vertcat(integrate(x[:7], x[7:13], dt), v_next)
+            return Dynamics(cs.SX(0, 1), next_state, quantities, outputs=(feet.force,))
+        step, first = self.integrator, cs.vertcat(at[:7], v_next)
+        split = SplitStep(at, begun(step, x, 6, dt), cs.SX(0, 1), first, lambda w: finished(step, w, 6, dt))
+        return split.dynamics(quantities, outputs=(feet.force,))
 
     def step(
         self, x: ArrayLike, u: ArrayLike, feet: str | Stance, footholds: ArrayLike, dt: float, **parameters: Any

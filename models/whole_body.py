@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Literal
 
 import casadi as cs
 import numpy as np
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Quantities, Reset
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Quantities, Reset, SplitStep
 
 from ._numeric import NumericWholeBody
 from .bindings import bind_motion, foot_points, frame_points, inertials
-from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, integrate
+from .integrators import INTEGRATORS, Integrator, begun, checked_integrator, feet_follow_stance, finished, integrate
+from .legged import POSE_BLOCKS, VELOCITY_BLOCKS
 from .postures import foot_labels
 from .quantities import feet, joints
 from .recursions import Recursion
 from .robot import Robot, require_robot
 from .terrain import Flat
 from .tree import Tree
-
-Integrator = Literal["euler", "semi_implicit"]
 
 
 class WholeBody(NumericWholeBody):
@@ -38,7 +36,10 @@ class WholeBody(NumericWholeBody):
     Args:
         robot: the robot.
         baumgarte: γ [1/s].
-        integrator: ``"euler"``: ``q ⊕ v dt``, ``v + a dt``; ``"semi_implicit"``: the same with the new v in q.
+        integrator: how a step moves positions; velocities become v⁺ = v + a dt. ``"midpoint"``: ``(q ⊕ ½ v dt) ⊕ ½ v⁺
+            dt``, with the dynamics in the middle and squares of velocities as products of v and v⁺; it is of second
+            order. ``"euler"``: ``q ⊕ v dt``, as published. ``"semi_implicit"``: ``q ⊕ v⁺ dt``; standing feet drift as
+            with Euler, and limits on positions are harder to keep.
         contact_damping: d [1/kg], needed if contact points are redundant; None for rigid contacts.
         name: name of the model; the robot's by default.
 
@@ -51,16 +52,12 @@ class WholeBody(NumericWholeBody):
         robot: Robot,
         *,
         baumgarte: float = 20.0,
-        integrator: Integrator = "euler",
+        integrator: Integrator = "midpoint",
         contact_damping: float | None = None,
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.WholeBody")
-        if integrator not in ("euler", "semi_implicit"):
-            raise ModelError(
-                f"whole body of '{robot.name}': unknown integrator - got {integrator!r}, expected 'euler' or "
-                "'semi_implicit'; choose one"
-            )
+        chosen = checked_integrator(integrator, INTEGRATORS, f"whole body of '{robot.name}'")
         if not (isinstance(baumgarte, int | float | np.floating) and 0 <= baumgarte < np.inf):
             raise ModelError(
                 f"whole body of '{robot.name}': baumgarte is out of range - got {baumgarte!r}, expected a finite "
@@ -90,7 +87,7 @@ class WholeBody(NumericWholeBody):
         velocities = (*VELOCITY_BLOCKS, Block(joints.velocity, robot.joint_names, rate_of=joints.position))
         control = Manifold((Block(joints.torque, robot.joint_names),))
         super().__init__(robot, name or robot.name, (*positions, *velocities), control, slots=slots)
-        self.integrator: Integrator = integrator
+        self.integrator = chosen
         self.tree = tree
         self._points = frame_points(robot)
         self.contacts = foot_points(robot, self._points)
@@ -121,14 +118,25 @@ class WholeBody(NumericWholeBody):
         """Return nv, the size of the mass matrix, which is positive definite."""
         return self.nv
 
+    @property
+    def nodes_after_liftoff(self) -> int:
+        """2 with Euler's step, 1 with the others: they use the swing's first velocity."""
+        return feet_follow_stance(self.integrator)
+
+    def recipe(self) -> dict[str, object]:
+        """Return the kind of model, the robot, and the integrator."""
+        return {**super().recipe(), "integrator": self.integrator}
+
     # ---- expressions
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the contact dynamics, the same for every contact set; see the class."""
-        nq, nv = self.nq, self.nv
-        q, v, a = x[:nq], x[nq:], z[:nv]
+        nq, nv, dt = self.nq, self.nv, p["dt"]
+        at = x if self.integrator == "euler" else cs.SX.sym("m", self.state.nx)
+        q, v, a = at[:nq], at[nq:], z[:nv]
         body, forces = inertials(p), [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
-        motion = Recursion(self.tree, q, v, a)
+        # the square of a velocity is linear in a if it is the product of the velocities before and after the step
+        motion = Recursion(self.tree, q, v, a, dt if self.integrator == "midpoint" else None)
         acting = [p["contact"][i] * force for i, force in enumerate(forces)]
         effort = motion.inverse_dynamics(body, p["gravity"], list(zip(self.contacts, acting, strict=True)))
         effort += cs.vertcat(cs.SX(6, 1), p["armature"] * a[6:] - u)
@@ -137,10 +145,15 @@ class WholeBody(NumericWholeBody):
             on = p["contact"][i]
             slip = motion.acceleration(point, p["gamma"]) + p["contact_damping"] * force
             rows.append(on * slip + (1 - on) * force)
-        v_next = v + a * p["dt"]
-        q_next = integrate(q, v_next if self.integrator == "semi_implicit" else v, p["dt"])
-        quantities = Quantities(self.name, self._makers(motion, x, u, acting, p))
-        return Dynamics(cs.vertcat(effort, *rows), cs.vertcat(q_next, v_next), quantities, outputs=(feet.force,))
+        residual, v_next = cs.vertcat(effort, *rows), v + a * dt
+        node = motion if at is x else Recursion(self.tree, x[:nq], x[nq:], a)
+        quantities = Quantities(self.name, self._makers(node, x, u, acting, p))
+        if at is x:
+            return Dynamics(residual, cs.vertcat(integrate(q, v, dt), v_next), quantities, outputs=(feet.force,))
+        step = self.integrator
+        begin = begun(step, x, nv, dt)
+        split = SplitStep(at, begin, residual, cs.vertcat(q, v_next), lambda w: finished(step, w, nv, dt))
+        return split.dynamics(quantities, outputs=(feet.force,))
 
     def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
         """Return the inelastic impact of the landing feet; the configuration does not change.

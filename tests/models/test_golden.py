@@ -15,7 +15,7 @@ ALL = "FL FR HL HR"
 
 @pytest.fixture(scope="module")
 def body() -> WholeBody:
-    return WholeBody(load("mini_cheetah", foot_radius=0.0, rotors=False), baumgarte=20.0)
+    return WholeBody(load("mini_cheetah", foot_radius=0.0, rotors=False), baumgarte=20.0, integrator="euler")
 
 
 def rate_map(ypr: np.ndarray) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_contact_acceleration_of_the_nominal_posture(body: WholeBody) -> None:
 
 def test_single_rigid_body() -> None:
     inertia = [[0.061578036, 0, 5.38e-5], [0, 0.2207093, 0], [5.38e-5, 0, 0.272612336]]
-    model = SingleRigidBody(load("mini_cheetah"), mass=8.912, inertia=inertia)
+    model = SingleRigidBody(load("mini_cheetah"), mass=8.912, inertia=inertia, integrator="euler")
     published = np.array([0.1, -0.2, 0.3, 0.4, 0.3, 0.2, 0.5, -0.6, 0.7, 0.8, -0.9, 1.0])
     q, v = published[:6], published[6:]
     x = from_euler(q, v)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp
+from piaffe.errors import ProblemError
 from piaffe.models import constraints, stance
 from piaffe.ocp.compiler.compiled import CompiledProblem
 from piaffe.ocp.compiler.vectorised import Vectorised
@@ -77,8 +78,8 @@ def whole_body(name: str, **options: str) -> ocp.Problem:
     )  # fmt: skip
 
 
-def rigid_body() -> ocp.Problem:
-    body = models.SingleRigidBody(robot("mini_cheetah"))
+def rigid_body(name: str, **options: str) -> ocp.Problem:
+    body = models.SingleRigidBody(robot(name), **options)  # type: ignore[arg-type]  # an integrator
     limits = ocp.Constraints(SHIPPED["friction_cone"], SHIPPED["base_height"])
     return ocp.Problem(
         hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), limits,
@@ -126,8 +127,12 @@ def tumbling(integrator: str) -> ocp.Problem:
 
 PROBLEMS = {
     **{f"whole body of {name}": lambda name=name: whole_body(name) for name in ROBOTS},
-    "whole body, semi-implicit": lambda: whole_body("mini_cheetah", integrator="semi_implicit"),
-    "single rigid body": rigid_body,
+    **{
+        f"whole body, {step}": lambda step=step: whole_body("mini_cheetah", integrator=step)
+        for step in ("euler", "semi_implicit")
+    },
+    **{f"single rigid body of {name}": lambda name=name: rigid_body(name) for name in ROBOTS},
+    "single rigid body, euler": lambda: rigid_body("mini_cheetah", integrator="euler"),
     "whole body to rigid body": cascade,
     "ball with a reset": ball,
     "rotation, euler": lambda: tumbling("euler"),
@@ -174,6 +179,48 @@ def test_every_term_mode_and_reset_is_compared(name: str) -> None:
 def test_the_whole_body_is_compared_through_its_implicit_part() -> None:
     found = {(finding.output, finding.by) for finding in findings("whole body of mini_cheetah")}
     assert {("r", "x"), ("r", "u"), ("r", "z"), ("d", "z"), ("g", "z"), ("d (z)", "x"), ("d (z)", "u")} <= found
+
+
+SPLIT = [name for name in PROBLEMS if "body" in name and not name.endswith("euler")]
+
+
+@pytest.mark.parametrize("name", SPLIT)
+def test_the_parts_of_a_step_have_the_derivatives_of_the_whole(name: str) -> None:
+    """The derivative of the whole step is taken at once, by CasADi."""
+    for phase in compiled(name).phases:
+        mode, model, state, rng = phase.mode, phase.mode.model, phase.mode.state, np.random.default_rng(0)
+        keys = [ocp.ParameterKey("slot", slot.name, model=model.name) for slot in model.slots]
+        places = [mode.layout.slices[key] for key in (*keys, ocp.ParameterKey("dt"))]
+        p = {slot.name: cs.SX.sym(slot.name, slot.size) for slot in model.slots} | {"dt": cs.SX.sym("dt")}
+        sizes = (state.nx, mode.nu, mode.nz, state.nx)
+        x, u, z, xn = (cs.SX.sym(symbol, size) for symbol, size in zip(("x", "u", "z", "xn"), sizes, strict=True))
+        dx, step = cs.SX.sym("dx", state.ndx), model.dynamics(mode.key, x, u, z, p)
+        assert step.split is not None
+        defect = cs.substitute(state.minus(step.next_state, xn), x, state.plus(x, dx))
+        by_w, by_z = cs.jacobian(defect, cs.vertcat(dx, u)), cs.jacobian(defect, z)
+        whole = cs.Function("whole", [x, u, z, cs.vertcat(*p.values()), xn, dx], [by_w, by_z])
+        numbers = np.concatenate([phase.p[0][place] for place in places])
+        stage_d = Vectorised(mode.functions["stage_d"])
+        for _ in range(3):
+            before, after = (state.np_normalise(rng.normal(size=state.nx)) for _ in range(2))
+            control, implicit = rng.normal(size=mode.nu), 10 * rng.normal(size=mode.nz)
+            found = stage_d(*(a[None] for a in (before, control, implicit, phase.p[0], after)))
+            for index, expected in zip((1, 5), whole(before, control, implicit, numbers, after, 0), strict=True):
+                np.testing.assert_allclose(found[index][0], expected.full(), rtol=1e-10, atol=1e-10)
+
+
+def test_a_part_of_a_step_that_needs_another_ones_state_is_refused() -> None:
+    class Wrong(models.SingleRigidBody):
+        def dynamics(self, key: str, x: cs.SX, *others: cs.SX) -> ocp.Dynamics:  # type: ignore[override]  # shorter
+            right = super().dynamics(key, x, *others)  # type: ignore[call-arg, arg-type]
+            assert right.split is not None
+            return replace(right, split=replace(right.split, finish=lambda w: w + x))
+
+    body = Wrong(robot("solo12"))
+    objective = ocp.Objective(ocp.regularize("feet.force"))
+    problem = ocp.Problem(hop(body.robot.foot_names), body.until_end(dt=0.02), objective, initial=body.state())
+    with pytest.raises(ProblemError, match="'finish' of the step in parts depends on more than its own state - got"):
+        ocp.compile_problem(problem)
 
 
 def test_every_shipped_constraint_is_among_those_compared() -> None:

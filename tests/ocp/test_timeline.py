@@ -270,11 +270,26 @@ def test_lifting_a_foot_is_no_touchdown(cascade):
     assert not stand.resets
 
 
-def test_feet_lift_at_the_first_two_nodes_after_their_stance(cascade):
-    stand, left, _ = cascade.phases
+@pytest.mark.parametrize(("integrator", "nodes"), [("midpoint", 1), ("semi_implicit", 1), ("euler", 2)])
+def test_feet_lift_while_their_place_depends_on_the_stance_alone(integrator, nodes):
+    body = models.WholeBody(models.load("mini_cheetah"), integrator=integrator)
+    objective = ocp.Objective(ocp.regularize(joints.torque))
+    problem = ocp.Problem(STEPS, body.over(0.2, dt=0.02), objective, initial=body.state(joints="stand"))
+    compiled = ocp.compile_problem(problem)
+    stand, left = compiled.phases
     assert not slot(stand, "lifting", stand.p).any()
-    assert slot(left, "lifting", left.p).tolist() == [[0, 1, 1, 0], [0, 1, 1, 0], [0] * 4, [0] * 4, [0] * 4]
+    assert slot(left, "lifting", left.p).tolist() == [[0, 1, 1, 0]] * nodes + [[0] * 4] * (5 - nodes)
     assert not slot(left, "lifting", left.p_end).any()
+    # a swing that differs in its first control alone
+    x = left.guess_states[0]
+    for steps in range(3):
+        ends = []
+        for u in (np.zeros(12), np.full(12, 3.0)):
+            y = x
+            for _ in range(steps):
+                y = body.step(y, u, "FL HR", left.dt)
+            ends.append(body.foot_positions(y)[[1, 2]])
+        assert np.allclose(*ends, rtol=0, atol=1e-12) == (steps < nodes)
 
 
 def test_a_transition_has_the_time_step_of_the_model_that_ends(cascade):
