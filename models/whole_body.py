@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 Integrator = Literal["euler", "semi_implicit"]
 Impact = Literal["contact", "landing"]
 
+_ONLY_AT_IMPACTS = 'it exists at the end of a phase whose next one lands feet; declare the term with at="phase_end"'
+_OF_STAGES = (feet.force.path, joints.torque.path, joints.acceleration.path)
+
 
 class WholeBody(NumericWholeBody):
     """Whole-body dynamics with rigid contacts, as an implicit system in acceleration and contact force.
@@ -159,7 +162,8 @@ class WholeBody(NumericWholeBody):
             rows.append(on * slip + (1 - on) * force)
         v_next = v + a * p["dt"]
         q_next = integrate(q, v_next if self.integrator == "semi_implicit" else v, p["dt"])
-        quantities = Quantities(self.name, self._makers(motion, x, u, acting, p))
+        absent = {feet.impulse.path: _ONLY_AT_IMPACTS}
+        quantities = Quantities(self.name, self._makers(motion, x, u, acting, p), absent)
         return Dynamics(cs.vertcat(effort, *rows), cs.vertcat(q_next, v_next), quantities, outputs=(feet.force,))
 
     def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
@@ -182,7 +186,13 @@ class WholeBody(NumericWholeBody):
         for i, (point, impulse) in enumerate(zip(self.contacts, impulses, strict=True)):
             on = p["impact"][i]
             rows.append(on * (after.velocity(point) + p["contact_damping"] * impulse) + (1 - on) * impulse)
-        return Reset(cs.vertcat(effort, *rows), cs.vertcat(q, v_next))
+        makers = bind_motion(self.robot, self._points, Recursion(self.tree, q, v), x, p, Flat(p["terrain"]))
+        lands = cs.vertcat(*(cs.repmat(p["landing"][i], 3, 1) for i in range(self.num_feet)))
+        makers.supply(feet.impulse, foot_labels(self.robot), lambda: z[nv:], lands)
+        absent = dict.fromkeys(_OF_STAGES, "there is no control at the end of a phase")
+        return Reset(
+            cs.vertcat(effort, *rows), cs.vertcat(q, v_next), Quantities(self.name, makers, absent), (feet.impulse,)
+        )
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
         """Return the heights of the feet, with the landing feet as mask."""

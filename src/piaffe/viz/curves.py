@@ -98,6 +98,17 @@ def forces(solution: Solution) -> tuple[Array, Array]:
     return np.concatenate(times), np.concatenate(values)
 
 
+def impulses(solution: Solution) -> tuple[Array, Array]:
+    """Return times of impacts (n,) and the world impulses of the feet (n, nf, 3) [N s]; n is 0 if none are recorded."""
+    count, times, values = len(feet_of(solution)), [], []
+    for part in solution.trajectory.phases:
+        stored = next((v for q, v in part.reset_outputs.items() if q.path == "feet.impulse"), None)
+        if stored is not None and len(stored) == 3 * count:
+            times.append(part.times[-1])
+            values.append(stored.reshape(count, 3))
+    return np.array(times), np.array(values).reshape(-1, count, 3)
+
+
 def friction(solution: Solution) -> float | None:
     """Return μ of the declared friction cone; None if there is none."""
     for limit in solution.limits:
