@@ -199,11 +199,12 @@ class ResetGuess:
         z = _solved(implicit["K"], implicit["r0"])
         self.values = _Values(f["reset"], x, z, p)
         self.derivatives = _Values(f["reset_d"], x, z, p, self.values["x_next"])
-        self.rows, self.rows_d = _Values(f["rows"], x, z, p), _Values(f["rows_d"], x, z, p)
+        lands = np.array([phase.lands for phase in phases])
+        self.rows, self.rows_d = (_Values(f[name], x[lands], z[lands], p[lands]) for name in ("rows", "rows_d"))
 
     @property
     def tables(self) -> tuple[_Values, ...]:
-        """All values and derivatives."""
+        """All values and derivatives; of the transition's rows those at impacts."""
         return self.values, self.derivatives, self.rows, self.rows_d
 
 
@@ -212,6 +213,8 @@ def end_values(phase: CompiledPhase) -> dict[str, Array]:
     own = dict(Guess(phase).terminal)
     if phase.transition is None or not phase.transition.num_rows:
         return own
+    if not phase.lands:
+        return {kind: np.pad(values, ((0, 0), (0, len(phase.transition.rows[kind])))) for kind, values in own.items()}
     added = ResetGuess(phase.transition, [phase]).rows
     return {kind: np.concatenate([values, added[kind]], axis=1) for kind, values in own.items()}
 

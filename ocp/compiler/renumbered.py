@@ -50,6 +50,8 @@ def renumbered(phase: CompiledPhase, terms: Sequence[Cost | Constraint], values:
                 table[:, part] = value
     if any(key.is_bound for key in values):
         check_bounds(phase.mode, terms, changed.p)
+        if phase.transition is not None:
+            check_bounds(phase.transition, terms, changed.p_transition[None])
     weight, g_mask, h_mask = _evaluate(phase.mode.functions["stage_w"], changed.p)
     end = _evaluate(phase.mode.functions["terminal_w"], changed.p_end[None])
     if phase.transition is not None:

@@ -113,7 +113,10 @@ class ProblemFunctions:
             z_reset, K_reset, x_reset = z_all[0], K_all[0], x_all[0]
             if phase.transition.num_rows:
                 added = self.call(t["rows"], x[-1:], z_all, p)
-                end = [np.concatenate([own, more[0]]) for own, more in zip(end, added, strict=True)]
+                end = [
+                    np.concatenate([own, np.where(used, more[0], 0.0)])
+                    for own, more, used in zip(end, added, added_rows_in_use(phase), strict=True)
+                ]
         return PhaseValues(z, K, x_next, residual, g, h, end[0], end[1], end[2], z_reset, K_reset, x_reset)
 
     def all_values(self, iterate: Iterate) -> list[PhaseValues]:
@@ -207,7 +210,10 @@ class ProblemFunctions:
         r_x, *_ = self.call(t["reset_d"], x, z, p, xn)
         z_x = -solve_nodes(value.K_reset[None], r_x)[0]
         by = [a[0] for a in self.call(t["rows_d"], x, z, p)]
-        added = [by_x + by_z @ z_x for by_x, by_z in zip(by[:3], by[3:], strict=True)]
+        added = [
+            np.where(used[:, None], by_x + by_z @ z_x, 0.0)
+            for by_x, by_z, used in zip(by[:3], by[3:], added_rows_in_use(phase), strict=True)
+        ]
         return [np.concatenate(both) for both in zip(own, added, strict=True)]
 
     def reset_jacobian(self, i: int, iterate: Iterate, value: PhaseValues) -> Array | None:
@@ -223,6 +229,13 @@ class ProblemFunctions:
             d_x = d_x - d_z @ solve_nodes(value.K_reset[None], r_x)
         jacobian: Array = d_x[0]
         return jacobian
+
+
+def added_rows_in_use(phase: CompiledPhase) -> list[NDArray[np.bool_]]:
+    """Return which rows of the transition after a phase have an effect, by kind: those of feet that land."""
+    own = (len(phase.mode.rows[f"terminal_{kind}"]) for kind in ("residual", "g", "h"))
+    factors = (phase.end_weight, phase.end_g_mask, phase.end_h_mask)
+    return [factor[first:] > 0 for factor, first in zip(factors, own, strict=True)]
 
 
 def running_cost(phase: CompiledPhase, value: PhaseValues) -> float:
