@@ -196,8 +196,8 @@ def _reset_rows(compiled: CompiledProblem, phase: CompiledPhase, rows: list[Arra
     assert phase.transition is not None  # only called if there is one
     of, (_, g, h), n, own = phase.transition.rows, rows, phase.num_stages, phase.mode.rows
     g_mask, h_mask = phase.end_g_mask[len(own["terminal_g"]) :], phase.end_h_mask[len(own["terminal_h"]) :]
-    yield from _amounts(compiled, phase, n, of["g"], "inequality", -g * g_mask)
-    yield from _amounts(compiled, phase, n, of["h"], "equality", np.abs(h) * h_mask)
+    yield from _amounts(compiled, phase, n, of["g"], "inequality", np.where(g_mask > 0, -g, 0.0))
+    yield from _amounts(compiled, phase, n, of["h"], "equality", np.where(h_mask > 0, np.abs(h), 0.0))
 
 
 def _amounts(
