@@ -190,9 +190,8 @@ class WholeBody(NumericWholeBody):
         lands = cs.vertcat(*(cs.repmat(p["landing"][i], 3, 1) for i in range(self.num_feet)))
         makers.supply(feet.impulse, foot_labels(self.robot), lambda: z[nv:], lands)
         absent = dict.fromkeys(_OF_STAGES, "there is no control at the end of a phase")
-        return Reset(
-            cs.vertcat(effort, *rows), cs.vertcat(q, v_next), Quantities(self.name, makers, absent), (feet.impulse,)
-        )
+        quantities, outputs = Quantities(self.name, makers, absent), (feet.impulse, feet.landing)
+        return Reset(cs.vertcat(effort, *rows), cs.vertcat(q, v_next), quantities, outputs)
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
         """Return the heights of the feet, with the landing feet as mask."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.models import measures
 from piaffe.ocp import Quantity, rotation
 
 from .style import AXES, LEGS, colours
@@ -99,14 +100,11 @@ def forces(solution: Solution) -> tuple[Array, Array]:
 
 
 def impulses(solution: Solution) -> tuple[Array, Array]:
-    """Return times of impacts (n,) and the world impulses of the feet (n, nf, 3) [N s]; n is 0 if none are recorded."""
-    count, times, values = len(feet_of(solution)), [], []
-    for part in solution.trajectory.phases:
-        stored = next((v for q, v in part.reset_outputs.items() if q.path == "feet.impulse"), None)
-        if stored is not None and len(stored) == 3 * count:
-            times.append(part.times[-1])
-            values.append(stored.reshape(count, 3))
-    return np.array(times), np.array(values).reshape(-1, count, 3)
+    """Return times of impacts (n,) and world impulses (n, nf, 3) [N s], NaN for feet that do not land; n may be 0."""
+    count = len(feet_of(solution))
+    found = [impact for impact in measures.impacts(solution.trajectory) if len(impact.impulses) == count]
+    values = np.array([impact.impulses for impact in found]).reshape(-1, count, 3)
+    return np.array([impact.time for impact in found]), values
 
 
 def friction(solution: Solution) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -96,12 +96,12 @@ def cone(axes: Axes, solution: Solution) -> None:
         axes.plot(force[on, i, 1], normal[on, i], "+", ms=3.6, mew=0.8, color=LEGS[i % len(LEGS)], alpha=0.85)
     mu, top = friction(solution), float(np.nanmax(normal, initial=1.0)) * 1.08
     _, impulse = impulses(solution)
-    largest = float(np.abs(impulse).max(initial=0.0))
+    largest = float(np.nanmax(np.abs(impulse), initial=0.0))
     if largest > 0.0:
         scaled = impulse * (0.9 * top / largest)
         for i in range(scaled.shape[1]):
-            on = np.abs(impulse[:, i]).max(axis=-1) > 1e-6
-            look = {"ls": "", "mec": LEGS[i % len(LEGS)], "mfc": "none", "mew": 0.9, "ms": 4.5, "zorder": 3}
+            on = np.isfinite(impulse[:, i, 0])
+            look: dict[str, Any] = {"ls": "", "mec": LEGS[i % len(LEGS)], "mfc": "none", "mew": 0.9, "ms": 4.5, "zorder": 3}
             axes.plot(scaled[on, i, 0], scaled[on, i, 2], marker="D", **look)
             axes.plot(scaled[on, i, 1], scaled[on, i, 2], marker="s", **look)
         axes.text(

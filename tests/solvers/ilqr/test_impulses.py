@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp
-from piaffe.models import base, feet, joints, stance
+from piaffe.models import base, feet, joints, measures, stance
 from piaffe.ocp import CompiledProblem, compile_problem, verify
 from piaffe.solvers import MSiLQR, Options, Solution, solve_batch
 
@@ -52,6 +52,17 @@ def impulses(solution: Solution) -> dict[str, np.ndarray]:
     """Return the recorded impulses by phase, (4, 3)."""
     phases = solution.trajectory.phases
     return {part.name: part.reset_outputs[feet.impulse].reshape(4, 3) for part in phases if part.reset_outputs}
+
+
+def test_the_measures_of_impacts_are_those_of_landing_feet() -> None:
+    first, second = measures.impacts(solved().trajectory)
+    assert (first.phase, first.time, second.phase) == ("fly", pytest.approx(0.10), "two")
+    np.testing.assert_allclose(second.impulses[[1, 2]], by_hand(solved(), 1)[[1, 2]], atol=1e-4)
+    assert np.isnan(second.impulses[[0, 3]]).all()  # held, not landing
+    assert first.ratio == pytest.approx(max(tangential(by_hand(solved(), 0)[k]) for k in (0, 3)), abs=1e-4)
+    assert first.normal.min() > 0
+    pulled = measures.Impact("pull", 0.0, np.array([[0.1, 0.0, -0.2], [np.nan] * 3]))
+    assert pulled.ratio == np.inf
 
 
 def by_hand(solution: Solution, i: int) -> np.ndarray:
@@ -171,6 +182,9 @@ def test_a_file_keeps_impulses_and_files_without_them_load(tmp_path: Path) -> No
         assert list(a.reset_outputs) == list(b.reset_outputs)
         for quantity, values in a.reset_outputs.items():
             np.testing.assert_array_equal(b.reset_outputs[quantity], values)
+    assert [impact.ratio for impact in measures.impacts(Solution.load(path).trajectory)] == [
+        impact.ratio for impact in measures.impacts(solved().trajectory)
+    ]
     with np.load(path) as stored:
         arrays = dict(stored)
     header = json.loads(bytes(arrays.pop("header")).decode())
