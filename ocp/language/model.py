@@ -230,7 +230,7 @@ class ModelBase(ABC):
         return Reset(cs.SX(0, 1), x)
 
     def lands(self, node: Node) -> bool:
-        """Return whether the model's own reset changes the state at this phase end."""
+        """Return whether the model's own reset changes the state at this phase end; only then its quantities count."""
         return False
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound | None:

@@ -49,7 +49,7 @@ class Outer:
         self.weight = start.barrier_weight
         self.last_cost = start.cost if start.converged else None
         for dual, stored in zip(self.duals, start.multipliers, strict=True):
-            if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
+            if any(np.shape(stored[name]) != table.shape for name, table in dual.stored().items()):
                 continue  # the constraints have changed: keep the initial values
             dual.multiplier, dual.end_multiplier = stored["equality"].copy(), stored["end_equality"].copy()
             dual.penalty, dual.end_penalty = stored["penalty"].copy(), stored["end_penalty"].copy()

@@ -167,6 +167,13 @@ def test_a_warm_start_takes_up_the_impulses() -> None:
     assert MSiLQR(rougher).solve(solved()).cost < solved().cost
 
 
+def test_a_warm_start_without_impulses_keeps_the_first_multipliers() -> None:
+    """Solutions of the code before impulses were limited have fewer rows at the last nodes."""
+    solution = MSiLQR(compiled()).solve(solved(impulses=False))
+    assert solution.converged
+    assert solution.cost == pytest.approx(solved().cost, rel=1e-3)
+
+
 def test_a_batch_solves_each_friction() -> None:
     mus = np.array([0.4, 0.5, 0.8])
     batch = solve_batch(compiled(), parameters={"friction cone.mu": mus})
