@@ -56,8 +56,10 @@ class LoweredMode:
     """A mode's functions, sizes, rows and parameter layout.
 
     Args:
-        model, key: the model and its mode.
-        layout: the positions of parameters. parameters: the user's among them.
+        model: the model.
+        key: the mode.
+        layout: the positions of parameters.
+        parameters: the user's among them.
         nz: size of the implicit part.
         functions: see the table above.
         rows: per function and kind the rows: ``stage_residual``, ``terminal_g`` and so on.

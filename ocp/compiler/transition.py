@@ -51,8 +51,11 @@ class LoweredTransition:
     """A transition's functions, rows and parameter layout.
 
     Args:
-        source: the model before it. key: its mode. target: the model after it.
-        layout: the positions of parameters. parameters: the user's among them.
+        source: the model before it.
+        key: its mode.
+        target: the model after it.
+        layout: the positions of parameters.
+        parameters: the user's among them.
         nz: size of the implicit part.
         functions: see the table above.
         rows: the rows by kind: ``residual``, ``g``, ``h``.
