@@ -101,7 +101,14 @@ def cone(axes: Axes, solution: Solution) -> None:
         scaled = impulse * (0.9 * top / largest)
         for i in range(scaled.shape[1]):
             on = np.isfinite(impulse[:, i, 0])
-            look: dict[str, Any] = {"ls": "", "mec": LEGS[i % len(LEGS)], "mfc": "none", "mew": 0.9, "ms": 4.5, "zorder": 3}
+            look: dict[str, Any] = {
+                "ls": "",
+                "mec": LEGS[i % len(LEGS)],
+                "mfc": "none",
+                "mew": 0.9,
+                "ms": 4.5,
+                "zorder": 3,
+            }
             axes.plot(scaled[on, i, 0], scaled[on, i, 2], marker="D", **look)
             axes.plot(scaled[on, i, 1], scaled[on, i, 2], marker="s", **look)
         axes.text(
