@@ -1,4 +1,4 @@
-"""Robots, their dynamics as CasADi models, gaits, terrains, and constraints of legged robots."""
+"""Robots, their dynamics as CasADi models, gaits, terrains, constraints and costs of legged robots."""
 
 from . import gaits as gaits
 from . import measures as measures
@@ -12,6 +12,7 @@ from .constraints import joint_limits as joint_limits
 from .constraints import joint_range as joint_range
 from .constraints import joint_speed_limits as joint_speed_limits
 from .constraints import torque_limits as torque_limits
+from .costs import soft_landing as soft_landing
 from .doctor import diagnose as diagnose
 from .doctor_urdf import Finding as Finding
 from .kinematics import Kinematics as Kinematics

@@ -43,9 +43,9 @@ class NumericWholeBody(LeggedModel):
         return forces * self.flags(feet)[:, None]
 
     def impact(self, x: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
-        """Return the state after the inelastic impact of the feet that ``feet`` names, (nx,)."""
+        """Return the state after the inelastic impact of the feet that ``feet`` names, held ones included, (nx,)."""
         state = self.checked("x", x, self.state.nx)
-        p = self.numbers(landing=self.flags(feet), **parameters)
+        p = self.numbers(impact=self.flags(feet), **parameters)
         residual, matrix = self._functions["impact"](state, *p.values())
         z = -np.linalg.solve(matrix.full(), residual.full().ravel())
         return np.concatenate([state[: self.tree.nv + 1], z[: self.tree.nv]])

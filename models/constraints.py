@@ -14,20 +14,26 @@ import casadi as cs
 import numpy as np
 
 from piaffe.errors import ProblemError
-from piaffe.ocp import When, inequality, match_labels
+from piaffe.ocp import ResetRows, When, inequality, match_labels
 
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
+_NATURAL_SPEED = 0.1  # [m/s]; times the mass it is the scale of impulses
 
 
-def friction_cone(mu: float = 0.6) -> Any:
-    """Keep the force of every foot on the ground inside the friction pyramid.
+def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
+    """Keep the force of every foot on the ground, and the impulse of every foot that lands, in the friction pyramid.
 
     The pyramid circumscribes the cone; pass μ/√2 for the inscribed one. Per foot, in world axes [N]::
 
         F_z ≥ 0,   μ F_z − F_x ≥ 0,   μ F_z + F_x ≥ 0,   μ F_z − F_y ≥ 0,   μ F_z + F_y ≥ 0
 
+    The impulse Λ [N s] of a foot that lands meets the same conditions at the end of the phase before. Violations are
+    divided by the robot's mass times 0.1 m/s there. Feet that stand before and after an impact have no such rows, and
+    models without impacts have none.
+
     Args:
         mu: friction coefficient μ.
+        impulses: whether impulses are limited too.
     """
     _require("friction_cone", "mu", mu, lambda value: value > 0, "a positive number")
     return inequality(
@@ -37,6 +43,7 @@ def friction_cone(mu: float = 0.6) -> Any:
         mask=_pyramid_contact,
         parameters={"mu": mu},
         labels=_faces,
+        at_reset=_IMPULSES if impulses else None,
     )
 
 
@@ -162,9 +169,25 @@ class _SomeNames:
 
 
 def _pyramid(s: Any, mu: cs.SX) -> cs.SX:
-    force = cs.reshape(cs.SX(s.feet.force), 3, -1)
-    x, y, z = force[0, :], force[1, :], force[2, :]
+    return _faces_of(s.feet.force, mu)
+
+
+def _faces_of(stacked: Any, mu: cs.SX) -> cs.SX:
+    vectors = cs.reshape(cs.SX(stacked), 3, -1)
+    x, y, z = vectors[0, :], vectors[1, :], vectors[2, :]
     return cs.vec(cs.vertcat(z, mu * z - x, mu * z + x, mu * z - y, mu * z + y))
+
+
+def _impulse_pyramid(s: Any, mu: cs.SX) -> cs.SX:
+    return _faces_of(s.feet.impulse, mu)
+
+
+def _pyramid_landing(s: Any) -> cs.SX:
+    return cs.vec(cs.repmat(cs.SX(s.feet.landing).T, len(_PYRAMID), 1))
+
+
+def _natural_impulse(model: Any) -> float:
+    return float(model.robot.mass) * _NATURAL_SPEED
 
 
 def _pyramid_contact(s: Any) -> cs.SX:
@@ -204,6 +227,10 @@ def _faces(model: Any) -> tuple[str, ...]:
     return tuple(f"{foot.name} {face}" for foot in model.robot.feet for face in _PYRAMID)
 
 
+def _impulse_faces(model: Any) -> tuple[str, ...]:
+    return tuple(f"impulse {face}" for face in _faces(model))
+
+
 def _feet(model: Any) -> tuple[str, ...]:
     names: tuple[str, ...] = model.robot.foot_names
     return names
@@ -221,3 +248,9 @@ def _require(where: str, what: str, got: Any, holds: Callable[[float], bool], ex
 def _require_bound(where: str, what: str, lower: float | None, upper: float | None) -> None:
     if lower is None and upper is None:
         raise ProblemError(f"{where}: no bound - got none, expected {what}; give one")
+
+
+_IMPULSES = ResetRows(
+    function=_impulse_pyramid, mask=_pyramid_landing, unit="N s", scale=_natural_impulse, labels=_impulse_faces
+)
+"""The friction pyramid of impulses; one object, so that two constraints share their code."""

@@ -1,6 +1,8 @@
-"""Measures of a motion: rotation of the base, apex of the base, smallest height of the feet."""
+"""Measures of a motion: rotation of the base, apex of the base, smallest height of the feet, impacts."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +12,49 @@ from piaffe.ocp import CompiledProblem, Trajectory, quantity_values, rotation
 from .quantities import base, feet
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """The impulses on the feet that land at the end of a phase.
+
+    Args:
+        phase: name of the phase.
+        time: time of the impact [s].
+        impulses: world impulses of all feet (nf, 3) [N s]; NaN for feet that do not land.
+    """
+
+    phase: str
+    time: float
+    impulses: Array
+
+    @property
+    def normal(self) -> Array:
+        """The vertical impulses of the feet that land [N s]."""
+        return self._landing[:, 2]
+
+    @property
+    def ratio(self) -> float:
+        """The largest max(|Λ_x|, |Λ_y|) / Λ_z of a foot; infinite if the ground would have to pull."""
+        sideways, normal = np.abs(self._landing[:, :2]).max(axis=1), self.normal
+        ratios = np.divide(sideways, normal, out=np.full(len(normal), np.inf), where=normal > 0)
+        return float(ratios.max(initial=0.0))
+
+    @property
+    def _landing(self) -> Array:
+        return self.impulses[np.isfinite(self.impulses[:, 0])]
+
+
+def impacts(trajectory: Trajectory) -> list[Impact]:
+    """Return the recorded impacts, in the order of time."""
+    found = []
+    for phase in trajectory.phases:
+        stored = {quantity.path: values for quantity, values in phase.reset_outputs.items()}
+        if feet.impulse.path in stored and feet.landing.path in stored:
+            lands = stored[feet.landing.path] > 0
+            impulses = np.where(lands[:, None], stored[feet.impulse.path].reshape(-1, 3), np.nan)
+            found.append(Impact(phase.name, float(phase.times[-1]), impulses))
+    return found
 
 
 def series(trajectory: Trajectory, path: str) -> Array | None:

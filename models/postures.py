@@ -48,7 +48,7 @@ def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
         base.ground_normal: XYZ,
         **dict.fromkeys([joints.position, joints.velocity, joints.acceleration], robot.joint_names),
         **dict.fromkeys([joints.torque, joints.target], robot.joint_names),
-        **dict.fromkeys([feet.position, feet.velocity, feet.force], stacked),
+        **dict.fromkeys([feet.position, feet.velocity, feet.force, feet.impulse], stacked),
         feet.height: robot.foot_names,
         feet.reach: reach_labels(robot),
         **dict.fromkeys([com.position, com.velocity, momentum], XYZ),

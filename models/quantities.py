@@ -30,6 +30,7 @@ feet = group(
     position=("m", "point"),
     velocity=("m/s", "direction"),
     force=("N", "direction"),
+    impulse=("N s", "direction"),
     height="m",
     reach="m",
     contact="",
@@ -38,9 +39,10 @@ feet = group(
 )
 """The feet. ``height`` is the distance between the foot's ball and the terrain. ``reach`` is the position of a foot
 relative to the base's origin in the base's heading axes: ahead and left. ``force`` acts on the robot; it is zero for
-feet in the air. ``contact`` is 1 for feet on the ground, ``landing`` is 1 for feet that touch down at the phase's end,
-``lifting`` is 1 for feet whose place after their liftoff depends on the stance alone: at the first node; with Euler's
-step at the first two."""
+feet in the air. ``impulse`` acts on the robot in the impact at a phase's end, for terms with ``at="phase_end"``; it is
+zero for feet that do not take part. ``contact`` is 1 for feet on the ground, ``landing`` is 1 for feet that touch down
+at the phase's end, ``lifting`` is 1 for feet whose place after their liftoff depends on the stance alone: at the first
+node; with Euler's step at the first two."""
 
 com = group("com", position=("m", "point"), velocity=("m/s", "direction"))
 """The centre of mass of the whole robot."""

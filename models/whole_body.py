@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Literal
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Quantities, Reset, SplitStep
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Reset, SplitStep
 
 from ._numeric import NumericWholeBody
 from .bindings import bind_motion, foot_points, frame_points, inertials
@@ -20,6 +22,12 @@ from .recursions import Recursion
 from .robot import Robot, require_robot
 from .terrain import Flat
 from .tree import Tree
+
+Array = NDArray[np.float64]
+Impact = Literal["contact", "landing"]
+
+_ONLY_AT_IMPACTS = 'it exists at the end of a phase whose next one lands feet; declare the term with at="phase_end"'
+_OF_STAGES = (feet.force.path, joints.torque.path, joints.acceleration.path)
 
 
 class WholeBody(NumericWholeBody):
@@ -41,6 +49,8 @@ class WholeBody(NumericWholeBody):
             order. ``"euler"``: ``q ⊕ v dt``, as published. ``"semi_implicit"``: ``q ⊕ v⁺ dt``; standing feet drift as
             with Euler, and limits on positions are harder to keep.
         contact_damping: d [1/kg], needed if contact points are redundant; None for rigid contacts.
+        impact: which feet take part in an impact. ``"contact"``: every foot of the following contact set, so that feet
+            that stand before and after are held; ``"landing"``: only the feet that land, as published.
         name: name of the model; the robot's by default.
 
     Raises:
@@ -54,6 +64,7 @@ class WholeBody(NumericWholeBody):
         baumgarte: float = 20.0,
         integrator: Integrator = "midpoint",
         contact_damping: float | None = None,
+        impact: Impact = "contact",
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.WholeBody")
@@ -68,11 +79,17 @@ class WholeBody(NumericWholeBody):
                 f"whole body of '{robot.name}': contact_damping is out of range - got {contact_damping}, expected a "
                 "positive number [1/kg]; leave it out for rigid contacts"
             )
+        if impact not in ("contact", "landing"):
+            raise ModelError(
+                f"whole body of '{robot.name}': impact is unknown - got {impact!r}, expected 'contact' or 'landing'; "
+                "choose one"
+            )
         tree, nf = Tree.from_pinocchio(robot.model), len(robot.feet)
         slots = {
             "contact": np.zeros(nf),
             "landing": np.zeros(nf),
             "lifting": np.zeros(nf),
+            "impact": np.zeros(nf),
             "terrain": 0.0,
             "foot_radius": robot.foot_radius,
             "gamma": baumgarte,
@@ -88,11 +105,19 @@ class WholeBody(NumericWholeBody):
         control = Manifold((Block(joints.torque, robot.joint_names),))
         super().__init__(robot, name or robot.name, (*positions, *velocities), control, slots=slots)
         self.integrator = chosen
+        self.impact_rule: Impact = impact
         self.tree = tree
         self._points = frame_points(robot)
         self.contacts = foot_points(robot, self._points)
         if contact_damping is None:
             self._refuse_redundant_contacts()
+
+    def node_parameters(self, node: Node) -> dict[str, Array]:
+        """Return the slots of a legged model, and ``impact``: 1 for the feet of the impact at this phase end, (nf,)."""
+        values = super().node_parameters(node)
+        landing = values["landing"]
+        holds = self.impact_rule == "contact" and landing.any()
+        return {**values, "impact": self._standing(node.next_mode) if holds else landing}
 
     # ---- sizes
 
@@ -147,7 +172,8 @@ class WholeBody(NumericWholeBody):
             rows.append(on * slip + (1 - on) * force)
         residual, v_next = cs.vertcat(effort, *rows), v + a * dt
         node = motion if at is x else Recursion(self.tree, x[:nq], x[nq:], a)
-        quantities = Quantities(self.name, self._makers(node, x, u, acting, p))
+        absent = {feet.impulse.path: _ONLY_AT_IMPACTS}
+        quantities = Quantities(self.name, self._makers(node, x, u, acting, p), absent)
         if at is x:
             return Dynamics(residual, cs.vertcat(integrate(q, v, dt), v_next), quantities, outputs=(feet.force,))
         step = self.integrator
@@ -156,9 +182,9 @@ class WholeBody(NumericWholeBody):
         return split.dynamics(quantities, outputs=(feet.force,))
 
     def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
-        """Return the inelastic impact of the landing feet; the configuration does not change.
+        """Return the inelastic impact at a phase's end; the configuration does not change.
 
-        With 0/1 flags L of the landing feet, z = (v⁺, Λ) solves::
+        With 0/1 flags L of the feet that take part (see the class), z = (v⁺, Λ) solves::
 
             M (v⁺ − v) − Jᵀ L Λ          = 0
             L (J v⁺ + d Λ) + (I − L) Λ   = 0
@@ -166,16 +192,21 @@ class WholeBody(NumericWholeBody):
         nq, nv = self.nq, self.nv
         q, v, v_next = x[:nq], x[nq:], z[:nv]
         impulses = [z[nv + 3 * i : nv + 3 * i + 3] for i in range(self.num_feet)]
-        acting = [p["landing"][i] * impulse for i, impulse in enumerate(impulses)]
+        acting = [p["impact"][i] * impulse for i, impulse in enumerate(impulses)]
         jump = Recursion(self.tree, q, None, v_next - v)
         effort = jump.inverse_dynamics(inertials(p), cs.SX(3, 1), list(zip(self.contacts, acting, strict=True)))
         effort += cs.vertcat(cs.SX(6, 1), p["armature"] * (v_next - v)[6:])
         after = Recursion(self.tree, q, v_next)
         rows = []
         for i, (point, impulse) in enumerate(zip(self.contacts, impulses, strict=True)):
-            lands = p["landing"][i]
-            rows.append(lands * (after.velocity(point) + p["contact_damping"] * impulse) + (1 - lands) * impulse)
-        return Reset(cs.vertcat(effort, *rows), cs.vertcat(q, v_next))
+            on = p["impact"][i]
+            rows.append(on * (after.velocity(point) + p["contact_damping"] * impulse) + (1 - on) * impulse)
+        makers = bind_motion(self.robot, self._points, Recursion(self.tree, q, v), x, p, Flat(p["terrain"]))
+        lands = cs.vertcat(*(cs.repmat(p["landing"][i], 3, 1) for i in range(self.num_feet)))
+        makers.supply(feet.impulse, foot_labels(self.robot), lambda: z[nv:], lands)
+        absent = dict.fromkeys(_OF_STAGES, "there is no control at the end of a phase")
+        quantities, outputs = Quantities(self.name, makers, absent), (feet.impulse, feet.landing)
+        return Reset(cs.vertcat(effort, *rows), cs.vertcat(q, v_next), quantities, outputs)
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
         """Return the heights of the feet, with the landing feet as mask."""

@@ -53,6 +53,7 @@ from .language import Quantity as Quantity
 from .language import QuantityGroup as QuantityGroup
 from .language import Reference as Reference
 from .language import Reset as Reset
+from .language import ResetRows as ResetRows
 from .language import Sample as Sample
 from .language import Schedule as Schedule
 from .language import Segment as Segment

@@ -183,7 +183,7 @@ def tumbling() -> ocp.Problem:
     return ocp.Problem(motion, body.until_end(dt=0.05), objective, initial=start)
 
 
-PLACE, SPEED = Quantity("place", "m"), Quantity("speed", "m/s")
+PLACE, SPEED, JERK = Quantity("place", "m"), Quantity("speed", "m/s"), Quantity("jerk", "N s")
 
 
 class Rope(ocp.ModelBase):
@@ -229,7 +229,11 @@ class Rope(ocp.ModelBase):
     def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
         place, speed, after, impulse, on = x[:2], x[2:], z[:2], z[2], p["tightens"]
         jump = p["mass"] * (after - speed) + on * impulse * place
-        return Reset(cs.vertcat(jump, on * cs.dot(place, after) + (1 - on) * impulse), cs.vertcat(place, after))
+        makers = {b.quantity.path: lambda b=b, v=v: Bound(b.quantity, v, b.labels)
+                  for b, v in zip(self.state.blocks, (place, speed), strict=True)}  # fmt: skip
+        makers["jerk"] = lambda: Bound(JERK, impulse, ("",), mask=on)
+        implicit = cs.vertcat(jump, on * cs.dot(place, after) + (1 - on) * impulse)
+        return Reset(implicit, cs.vertcat(place, after), Quantities("rope", makers), outputs=(JERK,))
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
         place = quantities.bind("place").value
@@ -254,10 +258,39 @@ def rope(limit: float = 3.0) -> ocp.Problem:
     return ocp.Problem(motion, model.until_end(dt=0.02), objective, limits, initial=[0.2, 0.1, 1.2, 0.0])
 
 
+def sideways(s: ocp.NodeView) -> cs.SX:
+    """Return the horizontal part of the impulse [N s]."""
+    return s.jerk * s.place[0]
+
+
+def jerk_left(s: ocp.NodeView, most: cs.SX) -> cs.SX:
+    """Return what the impulse may still grow by [N s]."""
+    return most - s.jerk
+
+
+def jerked_rope(most: float = 7.2) -> ocp.Problem:
+    """The rope's impulse has a cost that depends on the speed before it, a largest value, and a given direction."""
+    problem = rope()
+    jerk = ocp.residual(lambda s: cs.vertcat(s.jerk, s.jerk * s.speed[1]), unit="N s").weighted(
+        (0.002, 0.0002), at="phase_end", when="throw", name="jerk"
+    )
+    tension = ocp.inequality(
+        lambda s, most: s.tension, lower=0, upper=60, name="tension", unit="N", scale=10.0, parameters={"most": most},
+        at_reset=ocp.ResetRows(
+            function=jerk_left, unit="N s", scale=lambda model: 0.5, labels=("impulse",)
+        ),
+    )  # fmt: skip
+    aim = ocp.equality(lambda s: sideways(s) - 5.0, name="aim", unit="N s", scale=2.0, at="phase_end", when="throw")
+    objective = ocp.Objective(problem.objective, jerk)
+    limits = ocp.Constraints(tension, problem.constraints.terms[1], aim)
+    return ocp.Problem(problem.motion, problem.schedule, objective, limits, initial=problem.initial)
+
+
 PROBLEMS: Mapping[str, Callable[[], ocp.Problem]] = {
     "bouncing ball": bouncing_ball,
     "swing up": swing_up,
     "flying body": flying_body,
     "hopper": hopper,
     "rope": rope,
+    "jerked rope": jerked_rope,
 }

@@ -2,6 +2,7 @@
 
 from .checks import Guess as Guess
 from .checks import check_guess as check_guess
+from .checks import end_values as end_values
 from .checks import owner_of as owner_of
 from .checks import require_derivatives as require_derivatives
 from .checks import solve_implicit as solve_implicit

@@ -11,13 +11,16 @@ from piaffe.errors import ProblemError
 
 from ..language import Constraint, Cost, ParameterKey
 from .mode import LoweredMode
+from .transition import LoweredTransition
 
 
-def check_bounds(mode: LoweredMode, terms: Sequence[Cost | Constraint], p: NDArray[np.float64]) -> None:
+def check_bounds(
+    mode: LoweredMode | LoweredTransition, terms: Sequence[Cost | Constraint], p: NDArray[np.float64]
+) -> None:
     """Raise if the bounds of a constraint exclude each other.
 
     Args:
-        mode: the mode, for its layout.
+        mode: the mode or transition, for its layout.
         terms: the problem's terms.
         p: parameters of nodes (n, np).
     """

@@ -199,6 +199,24 @@ class ResetGuess:
         z = _solved(implicit["K"], implicit["r0"])
         self.values = _Values(f["reset"], x, z, p)
         self.derivatives = _Values(f["reset_d"], x, z, p, self.values["x_next"])
+        lands = np.array([phase.lands for phase in phases])
+        self.rows, self.rows_d = (_Values(f[name], x[lands], z[lands], p[lands]) for name in ("rows", "rows_d"))
+
+    @property
+    def tables(self) -> tuple[_Values, ...]:
+        """All values and derivatives; of the transition's rows those at impacts."""
+        return self.values, self.derivatives, self.rows, self.rows_d
+
+
+def end_values(phase: CompiledPhase) -> dict[str, Array]:
+    """Return the values of a phase's ``end_rows`` at the initial guess, by kind, (1, rows)."""
+    own = dict(Guess(phase).terminal)
+    if phase.transition is None or not phase.transition.num_rows:
+        return own
+    if not phase.lands:
+        return {kind: np.pad(values, ((0, 0), (0, len(phase.transition.rows[kind])))) for kind, values in own.items()}
+    added = ResetGuess(phase.transition, [phase]).rows
+    return {kind: np.concatenate([values, added[kind]], axis=1) for kind, values in own.items()}
 
 
 def by_mode(compiled: CompiledProblem) -> list[Guess]:
@@ -240,7 +258,7 @@ def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) 
         if phase.transition is not None and phase.resets:
             resets.setdefault(phase.transition, []).append(phase)
     tables = [t for g in guesses or by_mode(compiled) for t in (g.stage, g.stage_d, g.terminal, g.terminal_d)]
-    tables += [table for g in starmap(ResetGuess, resets.items()) for table in (g.values, g.derivatives)]
+    tables += [table for guess in starmap(ResetGuess, resets.items()) for table in guess.tables]
     if all(table.is_finite for table in tables if isinstance(table, _Values)):
         return
     for phase in compiled.phases:
@@ -256,7 +274,7 @@ def _raise_for_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
     ]
     if phase.transition is not None and phase.resets:
         reset = ResetGuess(phase.transition, [phase])
-        pairs.append(("reset", n, (reset.values, reset.derivatives)))
+        pairs += [("reset", n, (reset.values, reset.derivatives)), ("reset", n, (reset.rows, reset.rows_d))]
     for group, first, tables in pairs:
         for what, results in zip(("value", "derivative"), tables, strict=True):
             for name, array in results.items():
@@ -279,11 +297,11 @@ def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: 
         phase: one of its phases.
         group: ``"stage"``, ``"terminal"`` or ``"reset"``.
         name: an output of the group's functions, such as ``"g"`` or ``"residual_w"``.
-        row: the row of this output.
+        row: the row of this output; in the group ``"terminal"``, those of the transition follow those of the mode.
     """
     kind, model = name.split("_")[0], phase.mode.model
-    if group != "reset" and kind in ("residual", "g", "h"):
-        owner: Row = phase.mode.rows[f"{group}_{kind}"][row]
+    if kind in ("residual", "g", "h"):
+        owner: Row = _rows_of(phase, group, kind)[row]
         source = f" ({compiled.terms[owner.term].source})" if owner.term >= 0 else ""
         return f"term '{compiled.row_name(owner)}'{source}"
     if group == "reset":
@@ -292,6 +310,15 @@ def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: 
         block = next(b for b in model.state.blocks if model.state.slices[b.quantity].stop > row)
         return f"dynamics of model '{model.name}' ({phase.interval.phase.source}), next '{block.quantity}'"
     return f"dynamics of model '{model.name}' ({phase.interval.phase.source}), function '{name}'"
+
+
+def _rows_of(phase: CompiledPhase, group: str, kind: str) -> tuple[Row, ...]:
+    if group == "terminal":
+        return phase.end_rows(kind)
+    if group == "reset":
+        assert phase.transition is not None  # else it has no such rows
+        return phase.transition.rows[kind]
+    return phase.mode.rows[f"{group}_{kind}"]
 
 
 class _Values(Mapping[str, Array]):

@@ -53,6 +53,9 @@ Term = Cost | Constraint
 
 RUNNING = frozenset[At]({"running"})
 """The values of ``at`` of terms that apply at a stage."""
+_RESETTING = frozenset[At]({"running", "phase_end"})
+"""The values of ``at`` of terms that apply at the model's own reset."""
+_NOWHERE = frozenset[At]()
 
 
 @dataclass(frozen=True)
@@ -79,12 +82,15 @@ class _Transition:
     key: str
     target: ModelBase
     user: ResetMap | None
+    at_reset: tuple[tuple[int, Hashable], ...]
     where: str = field(compare=False)
+    terms: tuple[Term, ...] = field(compare=False)
 
 
 @lru_cache(maxsize=64)
 def _lower_transition(of: _Transition) -> LoweredTransition:
-    return lower_transition(of.source, of.key, of.target, of.user, of.where)
+    indices = tuple(k for k, _ in of.at_reset)
+    return lower_transition(of.source, of.key, of.target, of.user, of.where, of.terms, indices)
 
 
 def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -> CompiledProblem:
@@ -147,6 +153,7 @@ class Compilation:
         self.numbers = Numbers(self.terms, self.scopes, replaced, problem.where)
         self._lowered: dict[tuple[Segment, str], LoweredMode] = {}
         self._weights: dict[LoweredMode, tuple[Vectorised, Vectorised]] = {}
+        self._reset_weights: dict[LoweredTransition, Vectorised] = {}
         self._modes: dict[tuple[ModelBase, int, int], tuple[Hashable, Hashable | None]] = {}
         check_names(problem, self.terms)
 
@@ -184,7 +191,13 @@ class Compilation:
         applies[n] = self.numbers.counts(mode, inside[n].phase, frozenset(ending))
         stage_w, terminal_w = self.weights(mode)
         stage, end = stage_w(p[:-1]), terminal_w(p[-1:])
-        transition, p_transition, resets = self.transition(span, follower, mode.key, samples[-1])
+        transition, p_transition, resets, lands = self.transition(span, follower, mode, samples[-1])
+        at_end = list(end)
+        if transition is not None:
+            here = _RESETTING if lands else _NOWHERE
+            applies[n] |= self.numbers.counts(transition, inside[n].phase, here)
+            rows = self.reset_weights(transition)(p_transition[None])
+            at_end = [np.concatenate(both, axis=1) for both in zip(end, rows, strict=True)]
         states = guess_states(model, samples, self.start)
         if i == 0:
             states[0] = self.problem.initial
@@ -194,8 +207,8 @@ class Compilation:
             label=str(mode_now) if model.cut_by_modes else SCHEDULED,
             interval=span.interval, mode=mode, dt=segment.dt, times=times, p=p[:-1], p_end=p[-1], applies=applies,
             weight=stage[0], g_mask=stage[1], h_mask=stage[2],
-            end_weight=end[0][0], end_g_mask=end[1][0], end_h_mask=end[2][0],
-            ends_phase=span.ends_phase, transition=transition, p_transition=p_transition, resets=resets,
+            end_weight=at_end[0][0], end_g_mask=at_end[1][0], end_h_mask=at_end[2][0],
+            ends_phase=span.ends_phase, transition=transition, p_transition=p_transition, resets=resets, lands=lands,
             guess_states=states, guess_controls=controls,
         )  # fmt: skip
 
@@ -219,6 +232,12 @@ class Compilation:
         if mode not in self._weights:
             self._weights[mode] = Vectorised(mode.functions["stage_w"]), Vectorised(mode.functions["terminal_w"])
         return self._weights[mode]
+
+    def reset_weights(self, transition: LoweredTransition) -> Vectorised:
+        """Return the function of the weights and masks of a transition's rows."""
+        if transition not in self._reset_weights:
+            self._reset_weights[transition] = Vectorised(transition.functions["rows_w"])
+        return self._reset_weights[transition]
 
     def resolve(self, model: ModelBase, phase: Phase) -> Hashable:
         """Return a phase's mode in the model's own form; errors name the phase."""
@@ -249,19 +268,22 @@ class Compilation:
     # ---- between phases
 
     def transition(
-        self, span: HorizonPhase, follower: HorizonPhase | None, key: str, sample: Sample
-    ) -> tuple[LoweredTransition | None, Array, bool]:
-        """Return the transition to the next phase, its parameters and whether it changes the state."""
+        self, span: HorizonPhase, follower: HorizonPhase | None, mode: LoweredMode, sample: Sample
+    ) -> tuple[LoweredTransition | None, Array, bool, bool]:
+        """Return the transition to the next phase, its parameters, whether it changes the state, and by an impact."""
         if follower is None:
-            return None, np.zeros(0), False
+            return None, np.zeros(0), False, False
         model, ending = span.model, self.path.interval_before(span.end)
         phase = ending.phase
         user = phase.reset if span.ends_phase else None
         where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
-        lowered = _lower_transition(_Transition(model, key, follower.model, user, where))
+        at_reset = tuple((k, self._shape[k]) for k in mode.at_reset)
+        lowered = _lower_transition(_Transition(model, mode.key, follower.model, user, at_reset, where, self.terms))
+        self.unbound.update({(model.name, k): why for k, why in lowered.unbound.items()})
         node = self.node(span, span.end, ending, sample, is_end=True)
-        moves = user is not None or model is not follower.model or model.lands(node)
-        return lowered, self.numbers.of_transition(lowered, span.segment.dt, node), moves
+        lands = model.lands(node)
+        p = self.numbers.of_nodes(lowered, span.segment.dt, [node], phase, _RESETTING if lands else _NOWHERE)[0]
+        return lowered, p, user is not None or model is not follower.model or lands, lands
 
     # ---- terms and parameters that apply nowhere
 
@@ -273,9 +295,11 @@ class Compilation:
             complete: whether the horizon covers the whole motion; if not, a term may apply in another part of it.
         """
         modes = dict.fromkeys(phase.mode for phase in phases)
+        transitions = dict.fromkeys(phase.transition for phase in phases if phase.transition is not None)
         for k, term in enumerate(self.terms):
-            whys = list(dict.fromkeys(mode.unbound[k] for mode in modes if k in mode.unbound))
-            binds = any(k in mode.bound for mode in modes)
+            whys = [mode.unbound[k] for mode in modes if k in mode.unbound]
+            whys = list(dict.fromkeys([each.unbound[k] for each in transitions if k in each.unbound] or whys))
+            binds = any(k in mode.bound or k in mode.at_reset for mode in modes)
             if k in self.numbers.applied or LEFT_OUT in whys or (binds and not complete):
                 continue
             if binds:

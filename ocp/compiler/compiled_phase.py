@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..language import PlacedPhase
-from .mode import LoweredMode
+from .mode import LoweredMode, Row
 from .transition import LoweredTransition
 
 Array = NDArray[np.float64]
@@ -32,11 +32,12 @@ class CompiledPhase:
         weight: residual weights of the stages times their masks (N, nr).
         g_mask: 0 or 1 per stage and inequality row (N, ng).
         h_mask: the same for equalities (N, nh).
-        end_weight, end_g_mask, end_h_mask: the same for the last node's rows.
+        end_weight, end_g_mask, end_h_mask: the same for the last node's rows, see :meth:`end_rows`.
         ends_phase: whether the motion's phase ends at the last node.
         transition: to the next phase; None at the end of the horizon.
         p_transition: its parameters.
         resets: whether the transition does more than copy the state (an impact, a user's reset, another model).
+        lands: whether the model's own reset changes the state there (an impact).
         guess_states: initial guess (N+1, nx).
         guess_controls: initial guess (N, nu).
     """
@@ -60,6 +61,7 @@ class CompiledPhase:
     transition: LoweredTransition | None
     p_transition: Array
     resets: bool
+    lands: bool
     guess_states: Array
     guess_controls: Array
 
@@ -67,3 +69,12 @@ class CompiledPhase:
     def num_stages(self) -> int:
         """Number of stages N."""
         return len(self.p)
+
+    def end_rows(self, kind: str) -> tuple[Row, ...]:
+        """Return the last node's rows of a kind: the mode's, then those that the transition adds (on impulses).
+
+        Args:
+            kind: ``"residual"``, ``"g"`` or ``"h"``.
+        """
+        own = self.mode.rows[f"terminal_{kind}"]
+        return own if self.transition is None else own + self.transition.rows[kind]

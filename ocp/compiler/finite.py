@@ -70,13 +70,13 @@ def _parameters(phase: CompiledPhase) -> Iterator[tuple[str, Layout, int, Array]
 
 def _tables(phase: CompiledPhase) -> Iterator[tuple[str, int, Array, tuple[Row, ...]]]:
     """Yield kind, first node, table and the rows of its columns, for all other numbers."""
-    n, rows = phase.num_stages, phase.mode.rows
+    n, rows, end_rows = phase.num_stages, phase.mode.rows, phase.end_rows
     yield "weight", 0, phase.weight, rows["stage_residual"]
     yield "mask", 0, phase.g_mask, rows["stage_g"]
     yield "mask", 0, phase.h_mask, rows["stage_h"]
-    yield "weight", n, phase.end_weight[None], rows["terminal_residual"]
-    yield "mask", n, phase.end_g_mask[None], rows["terminal_g"]
-    yield "mask", n, phase.end_h_mask[None], rows["terminal_h"]
+    yield "weight", n, phase.end_weight[None], end_rows("residual")
+    yield "mask", n, phase.end_g_mask[None], end_rows("g")
+    yield "mask", n, phase.end_h_mask[None], end_rows("h")
     yield "time step", 0, np.array([[phase.dt]]), ()
     yield "time", 0, phase.times[:, None], ()
     yield "initial guess of the states", 0, phase.guess_states, ()

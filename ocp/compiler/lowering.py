@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
+from functools import cache, partial
 
 import casadi as cs
 
@@ -10,15 +11,13 @@ from piaffe.errors import ProblemError, UnknownNameError
 
 from ..language import Constraint, Cost, Dynamics, ModelBase
 from .functions import is_smooth, make_derivatives, make_function
+from .groups import Groups, cannot, group_of, names_of, numbers_of_rows, stacked
 from .linear import affine, split_jacobians, tangent_jacobians
 from .mode import LoweredMode, Row
 from .rows import Rows, TermBinder
 from .symbols import NodeSymbols
 
 LEFT_OUT = "left out by the schedule"
-_FEW = 16  # at most this many names are listed
-
-Groups = dict[str, list[Rows]]
 
 
 def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], excluded: Set[int]) -> LoweredMode:
@@ -39,11 +38,13 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
     declared = getattr(model, "source", None)
     where = f"model '{model.name}'{f' ({declared})' if declared else ''}, mode '{key}'"
     symbols.check(where, cs.vertcat(dynamics.implicit, dynamics.next_state))
-    binder = TermBinder(model, dynamics, symbols, terms)
+    binder = TermBinder(model, dynamics.quantities, symbols, terms)
+    resets = cache(partial(_reset_quantities, model, key))
     stage: Groups = {"residual": [], "g": [], "h": []}
     terminal: Groups = {"residual": [], "g": [], "h": []}
     bound: list[int] = []
     unbound: dict[int, str] = {}
+    at_reset: list[int] = []
     for index, term in enumerate(terms):
         if index in excluded:
             unbound[index] = LEFT_OUT
@@ -51,10 +52,14 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
         try:
             rows = binder.bind(index)
         except UnknownNameError as error:
-            unbound[index] = _cannot(model, error)
+            unbound[index] = cannot(model, error)
+            if term.at == "phase_end" and error.name in resets():
+                at_reset.append(index)
             continue
         bound.append(index)
-        group = "residual" if isinstance(term, Cost) else "g" if term.kind == "inequality" else "h"
+        if isinstance(term, Constraint) and term.at_reset is not None and resets():
+            at_reset.append(index)
+        group = group_of(term)
         needs = cs.depends_on(rows.value, cs.vertcat(u, z)) if u.numel() + z.numel() else False
         if term.at != "running" and needs:
             raise ProblemError(
@@ -77,11 +82,12 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
         parameters=symbols.parameters,
         nz=z.numel(),
         functions=_functions(model, key, dynamics, symbols, stage, terminal),
-        rows={f"stage_{k}": _names(v) for k, v in stage.items()}
-        | {f"terminal_{k}": _names(v) for k, v in terminal.items()},
+        rows={f"stage_{k}": names_of(v) for k, v in stage.items()}
+        | {f"terminal_{k}": names_of(v) for k, v in terminal.items()},
         outputs=tuple((q, dynamics.quantities.bind(q).value.numel()) for q in dynamics.outputs),
         bound=tuple(bound),
         unbound=unbound,
+        at_reset=tuple(at_reset),
     )
 
 
@@ -91,16 +97,16 @@ def _functions(
     """Return the mode's functions, with the names of the table in :mod:`.mode`."""
     x, p = symbols.x, symbols.p
     xuzp = {"x": x, "u": symbols.u, "z": symbols.z, "p": p}
-    rows = {k: _stack([piece.value for piece in v]) for k, v in stage.items()}
-    end = {k: _stack([piece.value for piece in v]) for k, v in terminal.items()}
+    rows = {k: stacked([piece.value for piece in v]) for k, v in stage.items()}
+    end = {k: stacked([piece.value for piece in v]) for k, v in terminal.items()}
     step = {"x_next": dynamics.next_state} if model.has_derivatives else {}
     return {
         "stage": make_function("stage", xuzp, {**step, **rows}),
-        "stage_w": make_function("stage_w", {"p": p}, _numbers(stage)),
+        "stage_w": make_function("stage_w", {"p": p}, numbers_of_rows(stage)),
         "terminal": make_function("terminal", {"x": x, "p": p}, end),
-        "terminal_w": make_function("terminal_w", {"p": p}, _numbers(terminal)),
+        "terminal_w": make_function("terminal_w", {"p": p}, numbers_of_rows(terminal)),
         "outputs": make_function(
-            "outputs", xuzp, {"outputs": _stack([dynamics.quantities.bind(q).value for q in dynamics.outputs])}
+            "outputs", xuzp, {"outputs": stacked([dynamics.quantities.bind(q).value for q in dynamics.outputs])}
         ),
     } | (_derivatives(model, key, dynamics, symbols, rows, end) if model.has_derivatives else {})
 
@@ -137,23 +143,10 @@ def _derivatives(
     } | ({"split_d": make_derivatives("split_d", stage, split.of_defect)} if split else {})
 
 
-def _cannot(model: ModelBase, error: UnknownNameError) -> str:
-    """Return why a model cannot supply the quantities of a term."""
-    if error.what == "component":
-        has = f" (it has {', '.join(error.known)})" if len(error.known) <= _FEW else ""
-        return f"{error.where} of model '{model.name}' has no component '{error.name}'{error.hint or has}"
-    return f"model '{model.name}' cannot supply '{error.name}'{error.hint}"
-
-
-def _names(pieces: list[Rows]) -> tuple[Row, ...]:
-    return tuple(row for piece in pieces for row in piece.names)
-
-
-def _numbers(group: Groups) -> dict[str, cs.SX]:
-    """Return weights of residuals and masks of constraints."""
-    weights = [piece.weight * piece.mask for piece in group["residual"] if piece.weight is not None]
-    return {"weight": _stack(weights)} | {f"{k}_mask": _stack([piece.mask for piece in group[k]]) for k in ("g", "h")}
-
-
-def _stack(parts: list[cs.SX]) -> cs.SX:
-    return cs.vertcat(*parts) if parts else cs.SX(0, 1)
+def _reset_quantities(model: ModelBase, key: str) -> Set[str]:
+    """Return the paths of the quantities at the model's own reset."""
+    if model.reset_size(key) == 0:
+        return frozenset()
+    symbols = NodeSymbols(model, model.reset_size(key))
+    quantities = model.reset(key, symbols.x, symbols.z, symbols.of_model()).quantities
+    return frozenset() if quantities is None else frozenset(quantities.paths)

@@ -54,7 +54,21 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class LoweredMode:
-    """A mode's functions, sizes, rows and parameter layout."""
+    """A mode's functions, sizes, rows and parameter layout.
+
+    Args:
+        model: the model.
+        key: the mode.
+        layout: the positions of parameters.
+        parameters: the user's among them.
+        nz: size of the implicit part.
+        functions: see the table above.
+        rows: per function and kind the rows: ``stage_residual``, ``terminal_g`` and so on.
+        outputs: recorded quantities and their sizes.
+        bound: indices of the terms with rows in this mode.
+        unbound: why the other terms have none.
+        at_reset: indices of the terms with rows at the model's own reset, see :class:`LoweredTransition`.
+    """
 
     model: ModelBase
     key: str
@@ -66,11 +80,17 @@ class LoweredMode:
     outputs: tuple[tuple[Quantity, int], ...]
     bound: tuple[int, ...]
     unbound: Mapping[int, str]
+    at_reset: tuple[int, ...] = ()
 
     @property
     def state(self) -> Manifold:
         """The state space."""
         return self.model.state
+
+    @property
+    def residuals(self) -> tuple[Row, ...]:
+        """The rows of all costs, each term's once."""
+        return self.rows["stage_residual"] + self.rows["terminal_residual"]
 
     @property
     def nu(self) -> int:

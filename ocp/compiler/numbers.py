@@ -53,6 +53,10 @@ class _OfMode:
     parts: tuple[_Part, ...]
 
 
+Lowered = LoweredMode | LoweredTransition
+"""What has a parameter vector: a mode, for its nodes, or a transition."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Tracked:
     """A cost whose target follows the path: the part of ``p`` for the target, and the names of its components."""
@@ -92,16 +96,16 @@ class Numbers:
         self.applied: set[int] = set()
         self.used: set[ParameterKey] = set()
         self.changing: set[ParameterKey] = set()
-        self._modes: dict[LoweredMode, _OfMode] = {}
-        self._weights: dict[tuple[LoweredMode, int, str], Array] = {}
-        self._phases: dict[tuple[LoweredMode, Phase, frozenset[At]], _OfPhase] = {}
+        self._modes: dict[Lowered, _OfMode] = {}
+        self._weights: dict[tuple[Lowered, int, str], Array] = {}
+        self._phases: dict[tuple[Lowered, Phase, frozenset[At]], _OfPhase] = {}
         self._set: set[tuple[ModelBase, str]] = set()
 
-    def of_nodes(self, mode: LoweredMode, dt: float, nodes: Sequence[Node], phase: Phase, here: frozenset[At]) -> Array:
+    def of_nodes(self, mode: Lowered, dt: float, nodes: Sequence[Node], phase: Phase, here: frozenset[At]) -> Array:
         """Return the parameters of nodes of one phase at which the same terms apply, (n, np).
 
         Args:
-            mode: the lowered mode.
+            mode: the lowered mode, or a transition.
             dt: time step [s].
             nodes: the nodes.
             phase: their motion phase.
@@ -116,18 +120,9 @@ class Numbers:
             p[:, each.part] = self._followed(each, nodes)
         return p
 
-    def counts(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> NDArray[np.bool_]:
+    def counts(self, mode: Lowered, phase: Phase, here: frozenset[At]) -> NDArray[np.bool_]:
         """Return whether each term has an effect at such nodes, (terms,); see ``Cost.counts_in``."""
         return self._shared(mode, phase, here).counts
-
-    def of_transition(self, transition: LoweredTransition, dt: float, node: Node) -> Array:
-        """Return the parameters of a transition, (np,)."""
-        layout, p = transition.layout, np.zeros(transition.layout.size)
-        self._put_model(p, layout, transition.source)
-        self._put_user(p, layout, transition.parameters)
-        p[layout.slices[TIME_STEP]] = dt
-        self._put_changing(p, layout, transition.source, node)
-        return p
 
     def weights(self, k: int, phase: str, labels: tuple[str, ...]) -> Array:
         """Return the weights of cost k in a phase of this name, one per row: the new ones, else the declared ones."""
@@ -137,7 +132,7 @@ class Numbers:
             return self._new_value(key, len(labels))
         return term.weights(phase, labels)
 
-    def _shared(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
+    def _shared(self, mode: Lowered, phase: Phase, here: frozenset[At]) -> _OfPhase:
         if (mode, phase, here) not in self._phases:
             self._phases[mode, phase, here] = self._of_phase(mode, phase, here)
         return self._phases[mode, phase, here]
@@ -185,16 +180,14 @@ class Numbers:
 
     # ---- terms
 
-    def _of_mode(self, mode: LoweredMode) -> _OfMode:
+    def _of_mode(self, mode: Lowered) -> _OfMode:
         """Return the common numbers of the nodes of a mode, in all phases."""
         p, slices = np.zeros(mode.layout.size), mode.layout.slices
         self._put_model(p, mode.layout, mode.model)
         self._put_user(p, mode.layout, mode.parameters)
         labels: dict[int, list[str]] = {k: [] for k in mode.bound}
-        for group, running in (("stage", True), ("terminal", False)):
-            for row in mode.rows[f"{group}_residual"]:
-                if (self.terms[row.term].at == "running") is running:
-                    labels[row.term].append(row.label)
+        for row in mode.residuals:
+            labels[row.term].append(row.label)
         parts = []
         for k in mode.bound:
             term = self.terms[k]
@@ -212,7 +205,7 @@ class Numbers:
         check_bounds(mode, self.terms, p[None])
         return _OfMode(p, tuple(parts))
 
-    def _of_phase(self, mode: LoweredMode, phase: Phase, here: frozenset[At]) -> _OfPhase:
+    def _of_phase(self, mode: Lowered, phase: Phase, here: frozenset[At]) -> _OfPhase:
         """Return the common numbers of the nodes of a phase, and the targets that differ by node."""
         if mode not in self._modes:
             self._modes[mode] = self._of_mode(mode)
@@ -236,7 +229,7 @@ class Numbers:
                     p[part.target] = self._fixed(k, term, part.target.stop - part.target.start, part.labels)
         return _OfPhase(p, tuple(tracked), counts)
 
-    def _put_bounds(self, p: Array, mode: LoweredMode, k: int, term: Constraint) -> None:
+    def _put_bounds(self, p: Array, mode: Lowered, k: int, term: Constraint) -> None:
         """Write the bounds of a constraint's rows, and which of them are finite."""
         for key in (ParameterKey("lower", term=k), ParameterKey("upper", term=k)):
             part = mode.layout.slices.get(key)

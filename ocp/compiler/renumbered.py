@@ -50,8 +50,13 @@ def renumbered(phase: CompiledPhase, terms: Sequence[Cost | Constraint], values:
                 table[:, part] = value
     if any(key.is_bound for key in values):
         check_bounds(phase.mode, terms, changed.p)
+        if phase.transition is not None:
+            check_bounds(phase.transition, terms, changed.p_transition[None])
     weight, g_mask, h_mask = _evaluate(phase.mode.functions["stage_w"], changed.p)
     end = _evaluate(phase.mode.functions["terminal_w"], changed.p_end[None])
+    if phase.transition is not None:
+        rows = _evaluate(phase.transition.functions["rows_w"], changed.p_transition[None])
+        end = [np.concatenate(both, axis=1) for both in zip(end, rows, strict=True)]
     return replace(
         changed, weight=weight, g_mask=g_mask, h_mask=h_mask, end_weight=end[0][0], end_g_mask=end[1][0],
         end_h_mask=end[2][0],

@@ -10,7 +10,19 @@ import casadi as cs
 
 from piaffe.errors import ProblemError, ShapeError
 
-from ..language import Bound, Constraint, Cost, Dynamics, ModelBase, NodeView, ParameterKey, call, column, rotation
+from ..language import (
+    Bound,
+    Constraint,
+    Cost,
+    ModelBase,
+    NodeView,
+    ParameterKey,
+    Quantities,
+    ResetRows,
+    call,
+    column,
+    rotation,
+)
 from .mode import Row
 from .symbols import NodeSymbols
 
@@ -37,16 +49,16 @@ class TermBinder:
 
     Args:
         model: the node's model.
-        dynamics: the model's dynamics as expressions of the symbols.
+        quantities: the quantities there, as expressions of the symbols.
         symbols: the node's symbols; each bound term adds its parameters to them.
         terms: the problem's terms.
     """
 
     def __init__(
-        self, model: ModelBase, dynamics: Dynamics, symbols: NodeSymbols, terms: Sequence[Cost | Constraint]
+        self, model: ModelBase, quantities: Quantities, symbols: NodeSymbols, terms: Sequence[Cost | Constraint]
     ) -> None:
-        self._model, self._quantities, self._symbols, self._terms = model, dynamics.quantities, symbols, terms
-        self._view = NodeView(dynamics.quantities)
+        self._model, self._quantities, self._symbols, self._terms = model, quantities, symbols, terms
+        self._view = NodeView(quantities)
 
     def bind(self, index: int) -> Rows:
         """Return a term's rows.
@@ -57,6 +69,20 @@ class TermBinder:
         """
         term = self._terms[index]
         return self._cost(index, term) if isinstance(term, Cost) else self._constraint(index, term)
+
+    def bind_at_reset(self, index: int) -> Rows:
+        """Return the rows of a term at a reset: a constraint's ``at_reset``, or all rows of a term at phases' ends."""
+        term = self._terms[index]
+        if isinstance(term, Cost) or term.at_reset is None:
+            return self.bind(index)
+        return self._reset_rows(index, term, term.at_reset)
+
+    def _reset_rows(self, index: int, constraint: Constraint, rows: ResetRows) -> Rows:
+        where = f"constraint '{constraint.name}' ({constraint.source}), at a reset"
+        value = self._evaluate(index, rows.function)
+        labels, mask = self._labels(rows.labels, value.numel(), where), self._active(index, rows.mask, value, where)
+        scale = float(rows.scale(self._model) if callable(rows.scale) else rows.scale)
+        return Rows(value / scale, None, mask, tuple(Row(index, x, rows.unit, scale) for x in labels))
 
     def _cost(self, index: int, cost: Cost) -> Rows:
         if cost.quantity is not None:
@@ -90,15 +116,7 @@ class TermBinder:
         where = f"constraint '{constraint.name}' ({constraint.source})"
         value = self._evaluate(index, constraint.function)
         n = value.numel()
-        labels = constraint.labels(self._model) if callable(constraint.labels) else constraint.labels
-        labels = tuple(labels) if labels is not None else tuple(str(i) for i in range(n)) if n > 1 else ("",)
-        if len(labels) != n:
-            raise ShapeError(
-                f"{where}: labels do not match the rows - got {len(labels)}, expected {n}; give one per row"
-            )
-        mask = cs.SX.ones(n) * self._symbols.part(ParameterKey("active", term=index), 1)
-        if constraint.mask is not None:
-            mask = mask * self._repeated(self._evaluate(index, constraint.mask, is_mask=True), n, where)
+        labels, mask = self._labels(constraint.labels, n, where), self._active(index, constraint.mask, value, where)
         unit, scale = constraint.unit, constraint.scale
         if constraint.kind == "equality":
             return Rows(value / scale, None, mask, tuple(Row(index, x, unit, scale) for x in labels))
@@ -111,6 +129,23 @@ class TermBinder:
             masks.append(mask * finite)
             names += [Row(index, x, unit, scale, side.kind) for x in labels]
         return Rows(cs.vertcat(*rows), None, cs.vertcat(*masks), tuple(names))
+
+    def _labels(self, given: Any, n: int, where: str) -> tuple[str, ...]:
+        """Return the names of n rows."""
+        labels = given(self._model) if callable(given) else given
+        labels = tuple(labels) if labels is not None else tuple(str(i) for i in range(n)) if n > 1 else ("",)
+        if len(labels) != n:
+            raise ShapeError(
+                f"{where}: labels do not match the rows - got {len(labels)}, expected {n}; give one per row"
+            )
+        return labels
+
+    def _active(self, index: int, mask: Any, value: cs.SX, where: str) -> cs.SX:
+        """Return the mask of a constraint's rows; it is zero where the constraint does not apply."""
+        active = cs.SX.ones(value.numel()) * self._symbols.part(ParameterKey("active", term=index), 1)
+        if mask is None:
+            return active
+        return active * self._repeated(self._evaluate(index, mask, is_mask=True), value.numel(), where)
 
     def _evaluate(self, index: int, function: Any, *, is_mask: bool = False) -> cs.SX:
         """Call a user's function and return its rows as a column; masks get no parameters."""

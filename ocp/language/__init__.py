@@ -57,6 +57,7 @@ from .term import At as At
 from .term import ByPhase as ByPhase
 from .term import Constraint as Constraint
 from .term import Cost as Cost
+from .term import ResetRows as ResetRows
 from .term import When as When
 from .term import by_phase as by_phase
 from .term import equality as equality

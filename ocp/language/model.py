@@ -163,10 +163,20 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Reset:
-    """The model's own reset of the state at the end of a phase, as expressions of (x, z, p): an impact."""
+    """The model's own reset of the state at the end of a phase, as expressions of (x, z, p): an impact.
+
+    Args:
+        implicit: r(x, z, p), (nz, 1), affine in z.
+        next_state: the state after it, (nx, 1).
+        quantities: the quantities that terms at ``"phase_end"`` may use there: those of the state before it, and those
+            of z (impulses); None if the reset supplies none.
+        outputs: quantities that a trajectory records (impulses).
+    """
 
     implicit: cs.SX
     next_state: cs.SX
+    quantities: Quantities | None = None
+    outputs: tuple[Quantity, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -250,7 +260,7 @@ class ModelBase(ABC):
         return Reset(cs.SX(0, 1), x)
 
     def lands(self, node: Node) -> bool:
-        """Return whether the model's own reset changes the state at this phase end."""
+        """Return whether the model's own reset changes the state at this phase end; only then its quantities count."""
         return False
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound | None:

@@ -148,6 +148,28 @@ class Cost(Term):
         return values
 
 
+@dataclass(frozen=True, kw_only=True)
+class ResetRows:
+    """Further rows of a constraint, at the reset after a phase: a friction cone limits impulses as it limits forces.
+
+    The rows must be ≥ 0 (inequality) or zero (equality), as the constraint's own. They hold at the end of each phase
+    to which the constraint applies, if the model's own reset changes the state there (a foot lands).
+
+    Args:
+        function: rows of the quantities at the reset, with the constraint's parameters as keyword arguments.
+        mask: function of these quantities that returns 0 or 1 per row; None for all rows.
+        unit: unit of the rows.
+        scale: divisor of the rows and of their violations in reports, or a function of the model that returns it.
+        labels: names of the rows, or a function of the model that returns them.
+    """
+
+    function: Function
+    mask: Function | None = None
+    unit: str = ""
+    scale: float | Callable[[Any], float] = 1.0
+    labels: Any = None
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Constraint(Term):
     """Rows that must be between bounds (inequality) or zero (equality).
@@ -159,6 +181,7 @@ class Constraint(Term):
         upper: the same for upper bounds.
         scale: divisor of the rows and of their violations in reports, in the rows' unit.
         labels: names of the rows, or a function of the model that returns them.
+        at_reset: further rows at the resets after phases; None for none.
     """
 
     kind: Literal["inequality", "equality"]
@@ -167,6 +190,7 @@ class Constraint(Term):
     upper: Any = None
     scale: float = 1.0
     labels: Any = None
+    at_reset: ResetRows | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -186,7 +210,8 @@ class Constraint(Term):
         sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
         sides = (self.lower is not None, self.upper is not None)
         labels = self.labels if callable(self.labels) or self.labels is None else tuple(self.labels)
-        return ("constraint", self.kind, self.function, self.at, self.mask, sides, self.scale, self.unit, labels, sizes)
+        return ("constraint", self.kind, self.function, self.at, self.mask, sides, self.scale, self.unit, labels, sizes,
+                self.at_reset)  # fmt: skip
 
     def bound(self, side: Literal["lower", "upper"], model: Any, size: int) -> Array:
         """Return the bounds of one side for a model, (size,)."""
@@ -345,17 +370,18 @@ def inequality(
     mask: Function | None = None,
     parameters: Mapping[str, ArrayLike] | None = None,
     labels: Any = None,
+    at_reset: ResetRows | None = None,
 ) -> Any:
     """Return the constraint lower ≤ f(s) ≤ upper; usable as a function, or as a decorator with or without arguments.
 
     Without bounds the constraint is f(s) ≥ 0. Rows that depend only on the state hold at every node, other rows at
-    every stage.
+    every stage. ``at_reset`` adds rows on the impulses of impacts, see :class:`ResetRows`.
     """
     if lower is None and upper is None:
         lower = 0.0
     return _constraint(
         "inequality", function, name, lower=lower, upper=upper, unit=unit, scale=scale, at=at, when=when, mask=mask,
-        parameters=_numbers(parameters), labels=labels,
+        parameters=_numbers(parameters), labels=labels, at_reset=at_reset,
     )  # fmt: skip
 
 

@@ -33,6 +33,8 @@ class PhaseTrajectory:
         state: layout of the states.
         control: layout of the controls.
         ends_phase: whether the motion's phase ends at the last node; if not, the segment or the horizon ends there.
+        reset_outputs: quantity → (size,), e.g. the impulses of the feet in the impact after the last node; empty if
+            there is no impact.
     """
 
     name: str
@@ -45,6 +47,7 @@ class PhaseTrajectory:
     state: Manifold
     control: Manifold
     ends_phase: bool = True
+    reset_outputs: Mapping[Quantity, Array] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:

@@ -14,7 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import CompiledPhase, CompiledProblem, LoweredMode, LoweredTransition, Vectorised, solve_implicit
+from ..compiler import (
+    CompiledPhase,
+    CompiledProblem,
+    LoweredMode,
+    LoweredTransition,
+    Row,
+    Vectorised,
+    solve_implicit,
+)
 from .differences import STEP, Difference, differences_of, rate_of
 from .verify import solve
 
@@ -177,33 +185,40 @@ def _reset(
     z = solve(f["implicit"], x, p)
     if not np.all(np.isfinite(z)):
         return
-    implicit, reset, reset_d = (Vectorised(f[name]) for name in ("implicit", "reset", "reset_d"))
+    implicit, reset, reset_d, rows, rows_d = (
+        Vectorised(f[name]) for name in ("implicit", "reset", "reset_d", "rows", "rows_d")
+    )
     xn = after.np_plus(reset(x[None], z[None], p[None])[0][0], 0.05 * rng.standard_normal(after.ndx))
 
     def values(w: Array, solved: bool) -> list[Array]:
         ps, xs = np.tile(p, (len(w), 1)), space.np_plus(x, w[:, : space.ndx])
         K, r0 = implicit(xs, ps)
         zs = solve_implicit(K, r0) if solved else z + w[:, space.ndx :]
-        return [r0 + (K @ zs[:, :, None])[:, :, 0], after.np_minus(reset(xs, zs, ps)[0], xn)]
+        return [r0 + (K @ zs[:, :, None])[:, :, 0], after.np_minus(reset(xs, zs, ps)[0], xn), *rows(xs, zs, ps)]
 
     r_x, d_x, d_z = (a[0] for a in reset_d(x[None], z[None], p[None], xn[None]))
+    by = [a[0] for a in rows_d(x[None], z[None], p[None])]
     K = implicit(x[None], p[None])[0][0]
     where = f"reset '{phase.name}' → '{following.name}'"
     labels = {"r": tuple(f"row {i}" for i in range(len(z))), "d": after.labels}
-    scale = np.concatenate([np.ones(space.ndx), np.maximum(1, np.abs(z))])
-    for name, J, difference in zip(
-        ("r", "d"),
-        (np.hstack([r_x, K]), np.hstack([d_x, d_z])),
-        differences_of(lambda w: values(w, False), scale),
-        strict=True,
-    ):
-        yield from _blocks(where, name, transition.source.name, labels[name], J, difference, (space.ndx, 0), _NOISE)
+    scale, split = np.concatenate([np.ones(space.ndx), np.maximum(1, np.abs(z))]), (space.ndx, 0)
+    by_x, by_z = (r_x, d_x, *by[:3]), (K, d_z, *by[3:])
+    partial = [np.hstack([a, b]) for a, b in zip(by_x, by_z, strict=True)]
+    differences = differences_of(lambda w: values(w, False), scale)
+    found = list(zip(("r", "d", *transition.rows), partial, differences, strict=True))
+    for name, J, difference in found[:2]:
+        yield from _blocks(where, name, transition.source.name, labels[name], J, difference, split, _NOISE)
+    for name, J, difference in found[2:]:
+        yield from _by_term(compiled, where, transition.rows[name], name, J, difference, split, _NOISE)
     if transition.nz:
-        total = differences_of(lambda w: values(w, True), np.ones(space.ndx))[1]
-        J = d_x - d_z @ np.linalg.solve(K, r_x)
+        z_x = -np.linalg.solve(K, r_x)
+        totals = differences_of(lambda w: values(w, True), np.ones(space.ndx))[1:]
+        solved = [a + b @ z_x for a, b in zip(by_x[1:], by_z[1:], strict=True)]
         yield from _blocks(
-            where, "d (z)", transition.source.name, after.labels, J, total, (space.ndx, 0), _NOISE_SOLVED
+            where, "d (z)", transition.source.name, after.labels, solved[0], totals[0], split, _NOISE_SOLVED
         )
+        for (name, rows_of), J, total in zip(transition.rows.items(), solved[1:], totals[1:], strict=True):
+            yield from _by_term(compiled, where, rows_of, f"{name} (z)", J, total, split, _NOISE_SOLVED)
 
 
 # ---- comparison
@@ -219,7 +234,14 @@ def _compare(
         labels = mode.state.labels if output.startswith("d") else tuple(f"row {i}" for i in range(len(J)))
         yield from _blocks(where, output, mode.model.name, labels, J, difference, split, noise)
         return
-    rows = mode.rows[group]
+    yield from _by_term(compiled, where, mode.rows[group], output, J, difference, split, noise)
+
+
+def _by_term(
+    compiled: CompiledProblem, where: str, rows: Sequence[Row], output: str, J: Array, difference: Difference,
+    split: tuple[int, int], noise: float,
+) -> Iterator[DerivativeCheck]:  # fmt: skip
+    """Yield the checks of rows of terms."""
     for term in dict.fromkeys(row.term for row in rows):
         index = [i for i, row in enumerate(rows) if row.term == term]
         labels = tuple(compiled.row_name(rows[i]) for i in index)

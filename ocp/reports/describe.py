@@ -34,12 +34,17 @@ def describe(compiled: CompiledProblem) -> str:
     for k, term in enumerate(compiled.terms):
         modes = dict.fromkeys(p.mode for p in compiled.phases)
         where, why, count = [], [], 0
+        transitions = dict.fromkeys(p.transition for p in compiled.phases if p.transition is not None)
+        at_resets = [each for each in transitions if k in each.bound]
         for mode in modes:
             if k in mode.bound:
                 where.append(mode.model.name)
                 count = max(count, *(sum(row.term == k for row in rows) for rows in mode.rows.values()))
-            elif k in mode.unbound:
+            elif k in mode.unbound and not any(each.source is mode.model for each in at_resets):
                 why.append(f"{mode.unbound[k]}")
+        for each in at_resets:
+            where.append(f"{each.source.name} (impacts)")
+            count = max(count, sum(row.term == k for rows in each.rows.values() for row in rows))
         kind = term.kind if isinstance(term, Constraint) else "cost"
         scope = compiled.scopes[k]
         names = [p.name for p in compiled.phases if term.applies(p.name) and scope in (None, p.interval.phase)]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import CompiledPhase, CompiledProblem, Guess, Row
+from ..compiler import CompiledPhase, CompiledProblem, Guess, Row, end_values
 from ..language import Constraint, Cost
 
 Array = NDArray[np.float64]
@@ -95,14 +95,14 @@ def report(compiled: CompiledProblem) -> tuple[list[CostReport], list[Constraint
 
 
 def _tables(phase: CompiledPhase) -> Iterator[_Table]:
-    guess, rows = Guess(phase), phase.mode.rows
-    stage, end = guess.stage, guess.terminal
+    stage, rows = Guess(phase).stage, phase.mode.rows
+    end, end_rows = end_values(phase), phase.end_rows
     yield _Table("cost", rows["stage_residual"], stage["residual"], phase.weight, phase.dt)
     yield _Table("inequality", rows["stage_g"], stage["g"], phase.g_mask, phase.dt)
     yield _Table("equality", rows["stage_h"], stage["h"], phase.h_mask, phase.dt)
-    yield _Table("cost", rows["terminal_residual"], end["residual"], phase.end_weight[None], 1.0)
-    yield _Table("inequality", rows["terminal_g"], end["g"], phase.end_g_mask[None], 1.0)
-    yield _Table("equality", rows["terminal_h"], end["h"], phase.end_h_mask[None], 1.0)
+    yield _Table("cost", end_rows("residual"), end["residual"], phase.end_weight[None], 1.0)
+    yield _Table("inequality", end_rows("g"), end["g"], phase.end_g_mask[None], 1.0)
+    yield _Table("equality", end_rows("h"), end["h"], phase.end_h_mask[None], 1.0)
 
 
 def _cost(term: Cost, parts: list[tuple[_Table, list[int]]]) -> CostReport:

@@ -6,7 +6,7 @@ the reset maps, and the rows of every equality and inequality.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError, renamed_members
 
-from ..compiler import CompiledPhase, CompiledProblem, LoweredMode
+from ..compiler import CompiledPhase, CompiledProblem, LoweredMode, Row
 from ..language import Quantity, Trajectory
 from .violation import Kind, Violation
 
@@ -126,11 +126,13 @@ def _violations(compiled: CompiledProblem, trajectory: Trajectory) -> Iterator[V
                     off = abs(float(np.linalg.norm(x[where])) - 1.0)
                     yield Violation(f"{quantity} length", phase.name, k, _finite(off), "", "defect")
         _, g, h = (_column(value) for value in f["terminal"](part.states[n], phase.p_end))
-        yield from _rows(compiled, phase, n, "terminal_g", "inequality", -g * phase.end_g_mask)
-        yield from _rows(compiled, phase, n, "terminal_h", "equality", np.abs(h) * phase.end_h_mask)
+        yield from _rows(compiled, phase, n, "terminal_g", "inequality", -g * phase.end_g_mask[: len(g)])
+        yield from _rows(compiled, phase, n, "terminal_h", "equality", np.abs(h) * phase.end_h_mask[: len(h)])
         if phase.transition is not None:
             x, p, t = part.states[n], phase.p_transition, phase.transition.functions
-            start = _column(t["reset"](x, solve(t["implicit"], x, p), p))
+            z = solve(t["implicit"], x, p)
+            start = _column(t["reset"](x, z, p))
+            yield from _reset_rows(compiled, phase, [_column(value) for value in t["rows"](x, z, p)])
 
 
 def solve(implicit: cs.Function, *arguments: Array) -> Array:
@@ -186,7 +188,22 @@ def _defects(phase: CompiledPhase, node: int, reached: Array, state: Array) -> I
 def _rows(
     compiled: CompiledProblem, phase: CompiledPhase, node: int, group: str, kind: Kind, amounts: Array
 ) -> Iterator[Violation]:
-    for row, amount in zip(phase.mode.rows[group], amounts, strict=True):
+    yield from _amounts(compiled, phase, node, phase.mode.rows[group], kind, amounts)
+
+
+def _reset_rows(compiled: CompiledProblem, phase: CompiledPhase, rows: list[Array]) -> Iterator[Violation]:
+    """Yield the violations of the rows on impulses after a phase; ``rows``: residual, g and h of the transition."""
+    assert phase.transition is not None  # only called if there is one
+    of, (_, g, h), n, own = phase.transition.rows, rows, phase.num_stages, phase.mode.rows
+    g_mask, h_mask = phase.end_g_mask[len(own["terminal_g"]) :], phase.end_h_mask[len(own["terminal_h"]) :]
+    yield from _amounts(compiled, phase, n, of["g"], "inequality", np.where(g_mask > 0, -g, 0.0))
+    yield from _amounts(compiled, phase, n, of["h"], "equality", np.where(h_mask > 0, np.abs(h), 0.0))
+
+
+def _amounts(
+    compiled: CompiledProblem, phase: CompiledPhase, node: int, rows: Sequence[Row], kind: Kind, amounts: Array
+) -> Iterator[Violation]:
+    for row, amount in zip(rows, amounts, strict=True):
         source = str(compiled.terms[row.term].source) if row.term >= 0 else ""
         yield Violation(compiled.row_name(row), phase.name, node, max(_finite(amount), 0.0), row.unit, kind, source)
 

@@ -49,6 +49,16 @@ def shrink(relaxation: Array, g: Array, mask: Array, slack: float, floor: float)
     return np.where(violated, np.clip(needed, np.minimum(floor, relaxation), relaxation), relaxation)
 
 
+def follow(relaxation: Array, g: Array, shift: Array, mask: Array, drop: float, floor: float) -> Array:
+    """Return relaxations after a decrease of ε by the factor ``drop``: active rows keep their multiplier at the bound.
+
+    A row in the quadratic part is active. At g = 0 its multiplier is 2 ε/δ, so δ decreases as ε does, not below
+    ``floor``. Otherwise each decrease of ε would let all active rows violate their bounds until δ shrinks again.
+    """
+    active = (g - shift < relaxation) & (mask > 0)
+    return np.where(active, np.minimum(relaxation, np.maximum(relaxation * drop, floor)), relaxation)
+
+
 def recentre(shift: Array, g: Array, mask: Array, slack: float) -> Array:
     """Return shifts s' with which the barrier has the present multiplier at g = 0: s' = max(0, s − g).
 

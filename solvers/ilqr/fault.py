@@ -74,13 +74,11 @@ def _derivatives(functions: ProblemFunctions, iterate: Iterate) -> str:
         by_stage = dict(zip(
             f["stage_d"].name_out(), functions.call(f["stage_d"], x[:-1], u, values[i].z, phase.p, x[1:]), strict=True
         ))  # fmt: skip
-        at_end = dict(zip(
-            f["terminal_d"].name_out(), functions.call(f["terminal_d"], x[-1:], phase.p_end[None]), strict=True
-        ))  # fmt: skip
+        at_end = dict(zip(f["terminal_d"].name_out(), functions.end_jacobians(i, iterate, values[i]), strict=True))
         tables: list[_Table] = [("stage", name, 0, table) for name, table in by_stage.items()]
         if phase.mode.nz:
             tables.append(("stage", "z", 0, solve_nodes(values[i].K, by_stage["r_w"])))
-        tables += [("terminal", name, n, table) for name, table in at_end.items()]
+        tables += [("terminal", name, n, table[None]) for name, table in at_end.items()]
         jacobian = functions.reset_jacobian(i, iterate, values[i])
         if jacobian is not None:
             tables.append(("reset", "x_next", n, jacobian.reshape(1, -1)))

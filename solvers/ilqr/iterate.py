@@ -30,7 +30,8 @@ class PhaseValues:
 
     Args:
         z: implicit variables (N, nz). K: their matrices (N, nz, nz).
-        x_next: (N, nx). residual, g, h: rows (N, ·). end_residual, end_g, end_h: rows of the last node.
+        x_next: (N, nx). residual, g, h: rows (N, ·). end_residual, end_g, end_h: rows of the last node, those of the
+            transition included, see :meth:`CompiledPhase.end_rows`.
         z_reset, K_reset: the transition's implicit variables and matrix. x_reset: first state of the next phase.
     """
 
@@ -110,6 +111,12 @@ class ProblemFunctions:
             z_all = -solve_nodes(K_all, r_all)
             (x_all,) = self.call(t["reset"], x[-1:], z_all, p)
             z_reset, K_reset, x_reset = z_all[0], K_all[0], x_all[0]
+            if phase.transition.num_rows:
+                added = self.call(t["rows"], x[-1:], z_all, p)
+                end = [
+                    np.concatenate([own, np.where(used, more[0], 0.0)])
+                    for own, more, used in zip(end, added, added_rows_in_use(phase), strict=True)
+                ]
         return PhaseValues(z, K, x_next, residual, g, h, end[0], end[1], end[2], z_reset, K_reset, x_reset)
 
     def all_values(self, iterate: Iterate) -> list[PhaseValues]:
@@ -168,7 +175,7 @@ class ProblemFunctions:
         ], axis=1)  # fmt: skip
         gradient = np.einsum("nr,nrw->nw", slopes, rows)
         hessian = rows.swapaxes(1, 2) @ (curvatures[:, :, None] * rows)
-        end_rows = [a[0] for a in self.call(f["terminal_d"], x[-1:], phase.p_end[None])]
+        end_rows = self.end_jacobians(i, iterate, value)
         end_slopes = [
             phase.end_weight * value.end_residual,
             dt * weight * masked(phase.end_g_mask, barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation)),
@@ -185,10 +192,29 @@ class ProblemFunctions:
             A=d_w[:, :, :ndx], B=d_w[:, :, ndx:], d=defect,
             l_x=gradient[:, :ndx], l_u=gradient[:, ndx:],
             l_xx=hessian[:, :ndx, :ndx], l_ux=hessian[:, ndx:, :ndx], l_uu=hessian[:, ndx:, ndx:],
-            end_x=sum(J.T @ s for J, s in zip(end_rows, end_slopes, strict=True)),
-            end_xx=sum(J.T @ (c[:, None] * J) for J, c in zip(end_rows, end_curvatures, strict=True)),
+            end_x=sum((J.T @ s for J, s in zip(end_rows, end_slopes, strict=True)), np.zeros(ndx)),
+            end_xx=sum(
+                (J.T @ (c[:, None] * J) for J, c in zip(end_rows, end_curvatures, strict=True)), np.zeros((ndx, ndx))
+            ),
             P=self.reset_jacobian(i, iterate, value),
         )  # fmt: skip
+
+    def end_jacobians(self, i: int, iterate: Iterate, value: PhaseValues) -> list[Array]:
+        """Return the Jacobians of residual, g and h of the last node of phase i, see ``CompiledPhase.end_rows``."""
+        phase, x = self.problem.phases[i], iterate.states[i][-1:]
+        own = [a[0] for a in self.call(phase.mode.functions["terminal_d"], x, phase.p_end[None])]
+        if phase.transition is None or not phase.transition.num_rows:
+            return own
+        t, p, xn = phase.transition.functions, phase.p_transition[None], iterate.states[i + 1][:1]
+        z = value.z_reset[None]
+        r_x, *_ = self.call(t["reset_d"], x, z, p, xn)
+        z_x = -solve_nodes(value.K_reset[None], r_x)[0]
+        by = [a[0] for a in self.call(t["rows_d"], x, z, p)]
+        added = [
+            np.where(used[:, None], by_x + by_z @ z_x, 0.0)
+            for by_x, by_z, used in zip(by[:3], by[3:], added_rows_in_use(phase), strict=True)
+        ]
+        return [np.concatenate(both) for both in zip(own, added, strict=True)]
 
     def reset_jacobian(self, i: int, iterate: Iterate, value: PhaseValues) -> Array | None:
         """Return the Jacobian of the transition after phase i, at its current defect."""
@@ -203,6 +229,13 @@ class ProblemFunctions:
             d_x = d_x - d_z @ solve_nodes(value.K_reset[None], r_x)
         jacobian: Array = d_x[0]
         return jacobian
+
+
+def added_rows_in_use(phase: CompiledPhase) -> list[NDArray[np.bool_]]:
+    """Return which rows of the transition after a phase have an effect, by kind: those of feet that land."""
+    own = (len(phase.mode.rows[f"terminal_{kind}"]) for kind in ("residual", "g", "h"))
+    factors = (phase.end_weight, phase.end_g_mask, phase.end_h_mask)
+    return [factor[first:] > 0 for factor, first in zip(factors, own, strict=True)]
 
 
 def running_cost(phase: CompiledPhase, value: PhaseValues) -> float:

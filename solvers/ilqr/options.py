@@ -43,10 +43,10 @@ class Options:
     max_defect: float = 1e-5
     max_equality: float = 1e-4
     max_inequality: float = 1e-4
-    cost_tolerance: float = 1e-5
+    cost_tolerance: float = 2e-6
     barrier_weight: float = 0.1
     barrier_factor: float = 0.3
-    barrier_gap: float = 1e-4
+    barrier_gap: float = 3e-5
     min_barrier_weight: float = 1e-8
     relaxation: float = 0.1
     max_stiffness: float = 1e5

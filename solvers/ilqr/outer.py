@@ -49,7 +49,7 @@ class Outer:
         self.weight = start.barrier_weight
         self.last_cost = start.cost if start.converged else None
         for dual, stored in zip(self.duals, start.multipliers, strict=True):
-            if stored["equality"].shape != dual.multiplier.shape or stored["relaxation"].shape != dual.relaxation.shape:
+            if any(np.shape(stored[name]) != table.shape for name, table in dual.stored().items()):
                 continue  # the constraints have changed: keep the initial values
             dual.multiplier, dual.end_multiplier = stored["equality"].copy(), stored["end_equality"].copy()
             dual.penalty, dual.end_penalty = stored["penalty"].copy(), stored["end_penalty"].copy()
@@ -84,6 +84,7 @@ class Outer:
             violations: largest equality and inequality violation.
             stationary: whether the last sub-problem was solved; the cost of an unsolved one is not compared.
         """
+        before = self.weight
         nearly_met = violations[1] <= constants.NEARLY_MET * self.o.max_inequality
         if stationary and nearly_met and not self.gap_is_closed(cost):
             self.last_cost = cost
@@ -91,7 +92,7 @@ class Outer:
         elif not stationary and self.near_gap(values) > self.allowed(cost):
             self.last_cost = None
             self.weight = max(self.weight * self.o.barrier_factor, self.o.min_barrier_weight)
-        self._update_inequalities(values)
+        self._update_inequalities(values, self.weight / before)
         self._update_equalities(values, violations[0])
         if stationary:
             self._watch(values, violations)
@@ -128,9 +129,18 @@ class Outer:
         """Whether larger penalties and smaller relaxations no longer reduce the violation."""
         return self.unmoved > constants.MAX_UNMOVED
 
-    def _update_inequalities(self, values: list[PhaseValues]) -> None:
+    def _update_inequalities(self, values: list[PhaseValues], drop: float) -> None:
+        """Set relaxations and shifts.
+
+        Args:
+            values: values of the functions of the phases.
+            drop: factor by which ε has just decreased, 1 if it has not.
+        """
         slack, floor = constants.SLACK * self.o.max_inequality, self.floor
         for v, d, p in zip(values, self.duals, self.problem.phases, strict=True):
+            if drop < 1.0:
+                d.relaxation = barrier.follow(d.relaxation, v.g, d.shift, p.g_mask, drop, floor)
+                d.end_relaxation = barrier.follow(d.end_relaxation, v.end_g, d.end_shift, p.end_g_mask, drop, floor)
             at, end_at = (delta <= constants.AT_FLOOR * floor for delta in (d.relaxation, d.end_relaxation))
             d.shift = np.where(at, barrier.recentre(d.shift, v.g, p.g_mask, slack), d.shift)
             d.end_shift = np.where(end_at, barrier.recentre(d.end_shift, v.end_g, p.end_g_mask, slack), d.end_shift)

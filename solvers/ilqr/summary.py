@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from piaffe.ocp import (
     Kind,
     ParameterKey,
     PhaseTrajectory,
+    Quantity,
+    Row,
     Trajectory,
     Violation,
 )
@@ -29,11 +32,11 @@ def term_costs(problem: CompiledProblem, values: list[PhaseValues]) -> dict[str,
     costs: dict[str, float] = {}
     for phase, value in zip(problem.phases, values, strict=True):
         groups = (
-            ("stage_residual", 0.5 * phase.dt * np.sum(phase.weight * value.residual**2, axis=0)),
-            ("terminal_residual", 0.5 * phase.end_weight * value.end_residual**2),
+            (phase.mode.rows["stage_residual"], 0.5 * phase.dt * np.sum(phase.weight * value.residual**2, axis=0)),
+            (phase.end_rows("residual"), 0.5 * phase.end_weight * value.end_residual**2),
         )
-        for group, amounts in groups:
-            for row, amount in zip(phase.mode.rows[group], amounts, strict=True):
+        for rows, amounts in groups:
+            for row, amount in zip(rows, amounts, strict=True):
                 name = problem.term_name(row)
                 costs[name] = costs.get(name, 0.0) + float(amount)
     return costs
@@ -53,14 +56,15 @@ def violations(
     for phase, value, dual in zip(problem.phases, values, duals, strict=True):
         stage_lambda, end_lambda = inequality_multipliers(value, dual, weight)
         n = phase.num_stages
-        tables: tuple[tuple[str, Kind, Array, Array, int], ...] = (
-            ("stage_g", "inequality", np.maximum(-value.g, 0) * phase.g_mask, stage_lambda, 0),
-            ("stage_h", "equality", np.abs(value.h) * phase.h_mask, dual.multiplier, 0),
-            ("terminal_g", "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_lambda[None], n),
-            ("terminal_h", "equality", (np.abs(value.end_h) * phase.end_h_mask)[None], dual.end_multiplier[None], n),
+        own, end_g, end_h = phase.mode.rows, phase.end_rows("g"), phase.end_rows("h")
+        tables: tuple[tuple[tuple[Row, ...], Kind, Array, Array, int], ...] = (
+            (own["stage_g"], "inequality", np.maximum(-value.g, 0) * phase.g_mask, stage_lambda, 0),
+            (own["stage_h"], "equality", np.abs(value.h) * phase.h_mask, dual.multiplier, 0),
+            (end_g, "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_lambda[None], n),
+            (end_h, "equality", (np.abs(value.end_h) * phase.end_h_mask)[None], dual.end_multiplier[None], n),
         )
-        for group, kind, amounts, multipliers, first in tables:
-            for j, row in enumerate(phase.mode.rows[group]):
+        for rows, kind, amounts, multipliers, first in tables:
+            for j, row in enumerate(rows):
                 node = int(np.argmax(amounts[:, j]))
                 amount = float(amounts[node, j])
                 name = problem.term_name(row)
@@ -86,21 +90,32 @@ def trajectory(functions: ProblemFunctions, iterate: Iterate, values: list[Phase
     """Return the trajectory of an iterate."""
     parts = []
     for phase, x, u, value in zip(functions.problem.phases, iterate.states, iterate.controls, values, strict=True):
-        outputs: dict[Any, Array] = {}
+        outputs: dict[Quantity, Array] = {}
         if phase.mode.outputs:
             (stacked,) = functions.call(phase.mode.functions["outputs"], x[:-1], u, value.z, phase.p)
-            first = 0
-            for quantity, size in phase.mode.outputs:
-                outputs[quantity] = stacked[:, first : first + size]
-                first += size
+            outputs = _split(phase.mode.outputs, stacked)
+        at_reset: dict[Quantity, Array] = {}
+        if phase.transition is not None and phase.lands and phase.transition.outputs:
+            of, z = phase.transition.functions["outputs"], value.z_reset[None]
+            (stacked,) = functions.call(of, x[-1:], z, phase.p_transition[None])
+            at_reset = {quantity: values[0] for quantity, values in _split(phase.transition.outputs, stacked).items()}
         parts.append(
             PhaseTrajectory(
                 name=phase.name, mode=phase.label, model=phase.mode.model.name, times=phase.times, states=x.copy(),
                 controls=u.copy(), outputs=outputs, state=phase.mode.state, control=phase.mode.model.control,
-                ends_phase=phase.ends_phase,
+                ends_phase=phase.ends_phase, reset_outputs=at_reset,
             )
         )  # fmt: skip
     return Trajectory(tuple(parts))
+
+
+def _split(sizes: Sequence[tuple[Quantity, int]], stacked: Array) -> dict[Quantity, Array]:
+    """Return the columns of each quantity."""
+    found, first = {}, 0
+    for quantity, size in sizes:
+        found[quantity] = stacked[:, first : first + size]
+        first += size
+    return found
 
 
 def limits(problem: CompiledProblem) -> tuple[dict[str, Any], ...]:

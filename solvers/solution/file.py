@@ -62,10 +62,12 @@ def write(solution: Mapping[str, Any], path: Path) -> Path:
         arrays |= {f"{i}/{name}": getattr(policy, name) for name in _ARRAYS}
         arrays |= {f"{i}/multipliers/{name}": value for name, value in policy.multipliers.items()}
         arrays |= {f"{i}/outputs/{j}": value for j, value in enumerate(part.outputs.values())}
+        arrays |= {f"{i}/reset_outputs/{j}": value for j, value in enumerate(part.reset_outputs.values())}
         phases.append({
             "name": part.name, "mode": part.mode, "model": part.model, "ends_phase": part.ends_phase,
             "state": _space(part.state), "control": _space(part.control),
             "outputs": [asdict(quantity) for quantity in part.outputs], "multipliers": list(policy.multipliers),
+            "reset_outputs": [asdict(quantity) for quantity in part.reset_outputs],
         })  # fmt: skip
     names = [field.name for field in fields(Record)]
     arrays["history"] = np.array([[getattr(r, n) for n in names] for r in solution["history"]]).reshape(-1, len(names))
@@ -130,12 +132,14 @@ def _assemble(header: dict[str, Any], data: dict[str, Array]) -> dict[str, Any]:
     parts, policies = [], []
     for i, phase in enumerate(header["phases"]):
         outputs = {Quantity(**q): data[f"{i}/outputs/{j}"] for j, q in enumerate(phase["outputs"])}
+        at_reset = phase.get("reset_outputs", [])  # not in the files of earlier releases
+        reset_outputs = {Quantity(**q): data[f"{i}/reset_outputs/{j}"] for j, q in enumerate(at_reset)}
         parts.append(
             PhaseTrajectory(
                 name=phase["name"], mode=phase["mode"], model=phase["model"], times=data[f"{i}/times"],
                 states=data[f"{i}/states"], controls=data[f"{i}/controls"], outputs=outputs,
                 state=_read_space(phase["state"]), control=_read_space(phase["control"]),
-                ends_phase=phase["ends_phase"],
+                ends_phase=phase["ends_phase"], reset_outputs=reset_outputs,
             )
         )  # fmt: skip
         multipliers = {name: data[f"{i}/multipliers/{name}"] for name in phase["multipliers"]}

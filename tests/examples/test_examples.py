@@ -147,6 +147,12 @@ def test_the_roll_rolls_once_within_every_limit(load):
     assert measures.turns(solution.trajectory) == pytest.approx([2 * pi, 0, 0], abs=0.05)
     assert 0.38 < measures.apex(solution.trajectory) < 0.60
     assert np.abs(solution.controls).max() <= 17 + 1e-3
+    impacts = measures.impacts(solution.trajectory)
+    assert [impact.phase for impact in impacts] == ["flight", "hop"]
+    for impact in impacts:
+        assert impact.normal.min() > 0
+        assert impact.ratio <= 0.6 + 1e-3
+    assert solution.iterations <= 60
 
 
 @pytest.mark.parametrize("name", ["bound", "pronk", "pace", "flying_trot", "trot", "walk"])

@@ -39,6 +39,12 @@ def quantities(model: ocp.ModelBase) -> list[str]:
     return [p for p in paths if p not in NOT_TRACKED and (not p.startswith("frames.") or p.split(".")[1] in kept)]
 
 
+@ocp.residual(mask=lambda s: s.feet.landing)
+def push(s: ocp.NodeView) -> cs.SX:
+    """Return rows that mix impulses with the state before the impact."""
+    return s.feet.impulse[2::3] * (1 + s.feet.velocity[2::3] ** 2) + s.base.position[2]
+
+
 def needs_control(path: str) -> bool:
     return path in ("feet.force", "joints.torque", "joints.acceleration")
 
@@ -50,6 +56,9 @@ def everything(*given: ocp.ModelBase) -> ocp.Objective:
     terms = [ocp.track(path) if path in moving else ocp.regularize(path) for path in paths]
     terms += [ocp.track("base.orientation", to=(0.3, -0.2, 0.1), name="tilt")]
     terms += [ocp.regularize(path, at="phase_end") for path in paths if not needs_control(path)]
+    if any(isinstance(model, models.WholeBody) for model in given):
+        terms += [ocp.regularize("feet.impulse", 0.1, at="phase_end"), push.weighted(0.1, at="phase_end")]
+        terms += [models.soft_landing(0.1)]
     return ocp.Objective(*terms)
 
 
@@ -91,10 +100,12 @@ def cascade() -> ocp.Problem:
     """The models meet where feet touch down: an impact, then the projection."""
     body, rest = models.WholeBody(robot("mini_cheetah")), models.SingleRigidBody(robot("mini_cheetah"))
     objective = ocp.Objective(
-        ocp.regularize("joints.torque"), ocp.regularize("feet.force", 0.01), ocp.track("base.orientation")
-    )
+        ocp.regularize("joints.torque"), ocp.regularize("feet.force", 0.01), ocp.track("base.orientation"),
+        push.weighted(0.1, at="phase_end"),
+    )  # fmt: skip
     schedule = body.over(0.08, dt=0.02) + rest.over(0.08, dt=0.02)
-    return ocp.Problem(hop(body.robot.foot_names), schedule, objective, initial=body.state(joints="stand"))
+    limits = ocp.Constraints(SHIPPED["friction_cone"])
+    return ocp.Problem(hop(body.robot.foot_names), schedule, objective, limits, initial=body.state(joints="stand"))
 
 
 def ball() -> ocp.Problem:
@@ -173,12 +184,21 @@ def test_every_term_mode_and_reset_is_compared(name: str) -> None:
     } <= where
     bound = {problem.terms[k].name for phase in problem.phases for k in phase.mode.bound}
     assert bound <= {finding.term for finding in findings(name)}
+    at_resets = {
+        (f"reset '{a.name}' → '{b.name}'", problem.terms[k].name)
+        for a, b in zip(problem.phases[:-1], problem.phases[1:], strict=True)
+        if a.resets and a.transition is not None
+        for k in a.transition.bound
+    }
+    assert at_resets <= {(finding.where, finding.term) for finding in findings(name)}
     assert {"x", "u"} <= {finding.by for finding in findings(name)}
 
 
 def test_the_whole_body_is_compared_through_its_implicit_part() -> None:
     found = {(finding.output, finding.by) for finding in findings("whole body of mini_cheetah")}
     assert {("r", "x"), ("r", "u"), ("r", "z"), ("d", "z"), ("g", "z"), ("d (z)", "x"), ("d (z)", "u")} <= found
+    impulses = {(f.output, f.by) for f in findings("whole body of mini_cheetah") if f.where.startswith("reset")}
+    assert {("g", "z"), ("g (z)", "x"), ("residual", "x"), ("residual", "z"), ("residual (z)", "x")} <= impulses
 
 
 SPLIT = [name for name in PROBLEMS if "body" in name and not name.endswith("euler")]

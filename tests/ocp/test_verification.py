@@ -185,7 +185,7 @@ def test_contacts_are_solved_for_here() -> None:
             )
         )
         if i == 0:
-            x = body.impact(x, "FR HL")
+            x = body.impact(x, "FL FR HL HR")
     trajectory = Trajectory(tuple(parts))
     result = verify(compiled, trajectory)
     assert result.max_defect < 1e-9

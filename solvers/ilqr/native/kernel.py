@@ -14,7 +14,7 @@ from .nonzeros import Nonzeros
 from .tables import defines, dynamics_rows, finish_entries, table
 
 MODE_FUNCTIONS = ("implicit", "stage", "stage_d", "split_d", "terminal", "terminal_d")
-TRANSITION_FUNCTIONS = ("implicit", "reset", "reset_d")
+TRANSITION_FUNCTIONS = ("implicit", "reset", "reset_d", "rows", "rows_d")
 """The functions of a mode and of a transition that a kernel contains; a mode's step need not be split."""
 WHOLE_VECTORS = 8
 """The number of outputs of a function is rounded up to a multiple of this."""
@@ -112,22 +112,33 @@ def mode_kernel(number: int, mode: LoweredMode) -> Kernel:
 
 
 def transition_kernel(number: int, transition: LoweredTransition) -> Kernel:
-    """Return the kernel of a transition."""
+    """Return the kernel of a transition.
+
+    The outputs of its ``reset`` are the next state and the transition's rows, those of its ``reset_d`` the derivatives
+    of both.
+    """
     f, source, target = transition.functions, transition.source.state, transition.target.state
     x, z, p = (cs.SX.sym(n, f["reset"].size1_in(i)) for i, n in enumerate("xzp"))
     xn = cs.SX.sym("xn", target.nx)
     K, r0 = f["implicit"](x, p)
     implicit = _Implicit(K, r0, transition.source.definite_size(transition.key) if transition.nz else 0)
-    out = _Outputs()
+    out, values, sizes = _Outputs(), f["reset"], {kind: len(rows) for kind, rows in transition.rows.items()}
     _sensitivity(out, implicit.elimination, *f["reset_d"](x, z, p, xn))
+    if transition.num_rows:
+        values = _make("reset", [x, z, p], [f["reset"](x, z, p), *f["rows"](x, z, p)])
+        by = f["rows_d"](x, z, p)
+        by_x, by_z = Nonzeros.of(cs.SX(cs.vertcat(*by[:3]))), Nonzeros.of(cs.SX(cs.vertcat(*by[3:])))
+        by_z = by_z.moved(columns=implicit.elimination.place)
+        out.add("rows_x", by_x.values, by_x.tables("rows_x"))
+        out.add("rows_z", by_z.values, by_z.tables("rows_z"))
     functions = {
         "implicit": implicit.function([x, p]),
-        "reset": f["reset"],
+        "reset": values,
         "reset_d": out.function("reset_d", [x, z, p, xn]),
     }
     lines = defines(
         ID=number, NX=source.nx, NDX=source.ndx, NXN=target.nx, NDXN=target.ndx, NZ=transition.nz,
-        NP=transition.layout.size,
+        NP=transition.layout.size, NR=sizes["residual"], NG=sizes["g"], NH=sizes["h"],
     )  # fmt: skip
     lines += ['#include "functions.h"', *implicit.elimination.tables(), *out.tables()]
     return Kernel(functions, "\n".join([*lines, '#include "transition.inc"', ""]))

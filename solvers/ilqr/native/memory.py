@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.codegen import AlignedMemory
-from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
+from piaffe.ocp import CompiledPhase, CompiledProblem, LoweredMode, LoweredTransition
 
 from ..options import Options
 from ..riccati import Sweep
@@ -103,7 +103,8 @@ class SolverMemory:
         self.c.initial = self.initial.ctypes.data
         self.history = self._keep((s.Record * options.max_iterations)())
         self.c.history = self.history
-        most = max([1] + [sum(map(len, mode.rows.values())) for mode in modes])
+        rows = [mode.rows for mode in modes] + [transition.rows for transition in transitions]
+        most = max([1, *(sum(map(len, each.values())) for each in rows)])
         self.c.slope, self.c.curvature = (self._array(most * width).ctypes.data for _ in range(2))
         for name in s.OPTIONS:
             value = getattr(options, name)
@@ -175,9 +176,9 @@ class SolverMemory:
         group = self.types.Group()
         sizes = s.TransitionSizes.in_dll(self.library, f"transition{number}_table")
         group.transition = ct.addressof(sizes)
-        group.blocks, group.num_blocks = self._blocks(
-            "transition", where, NodeSizes(transition.layout.size, z=transition.nz, factors=sizes.nf)
-        )
+        counts = {kind: len(rows) for kind, rows in transition.rows.items()}
+        own = NodeSizes(transition.layout.size, **counts, z=transition.nz, factors=sizes.nf)
+        group.blocks, group.num_blocks = self._blocks("transition", where, own)
         return group
 
     def _blocks(self, kind: str, nodes: list[tuple[int, int]], sizes: NodeSizes) -> tuple[Any, int]:
@@ -206,13 +207,12 @@ class SolverMemory:
         phases = [self.problem.phases[i] for i in dict.fromkeys(i for i, _ in blocks.nodes)]
         if not phases:
             return
-        if blocks.kind == "transition":
-            blocks.write("p", np.array([phase.p_transition for phase in phases]))
-        elif blocks.kind == "end":
-            blocks.write("p", np.array([phase.p_end for phase in phases]))
-            blocks.write("weight", np.array([phase.end_weight for phase in phases]), spare=0.0)
-            blocks.write("g_mask", np.array([phase.end_g_mask for phase in phases]), spare=0.0)
-            blocks.write("h_mask", np.array([phase.end_h_mask for phase in phases]), spare=0.0)
+        if blocks.kind != "stage":
+            own = [phase.p_end if blocks.kind == "end" else phase.p_transition for phase in phases]
+            blocks.write("p", np.array(own))
+            for name in ("weight", "g_mask", "h_mask"):
+                rows = [_of_end(phase, blocks.kind, name, getattr(phase, f"end_{name}")) for phase in phases]
+                blocks.write(name, np.array(rows), spare=0.0)
         else:
             blocks.write("p", np.concatenate([phase.p for phase in phases]))
             for name in ("weight", "g_mask", "h_mask"):
@@ -244,22 +244,27 @@ class SolverMemory:
     # ---- arrays with a number per row
 
     def write_rows(self, name: str, kind: str, values: list[Array]) -> None:
-        """Write an array of the blocks from its values per phase, (N, rows) for stages or (rows,) for ends."""
+        """Write an array of the blocks from its values per phase: (N, rows) for ``"stage"``, (rows,) for ``"end"``."""
         for blocks in self.blocks:
-            if blocks.kind == kind and blocks.nodes:
-                own = [values[i] for i in dict.fromkeys(i for i, _ in blocks.nodes)]
-                blocks.write(name, np.concatenate(own) if kind == "stage" else np.array(own))
+            if (blocks.kind == "stage") != (kind == "stage") or not blocks.nodes:
+                continue
+            phases = list(dict.fromkeys(i for i, _ in blocks.nodes))
+            if kind == "stage":
+                blocks.write(name, np.concatenate([values[i] for i in phases]))
+            else:
+                own = [_of_end(self.problem.phases[i], blocks.kind, name, values[i]) for i in phases]
+                blocks.write(name, np.array(own))
 
     def read_rows(self, name: str, kind: str) -> list[Array]:
         """Return an array of the blocks as values per phase, see :meth:`write_rows`."""
         out: list[Array] = [np.zeros(0)] * len(self.problem.phases)
-        for blocks in self.blocks:
-            if blocks.kind != kind or not blocks.nodes:
+        for blocks in self.blocks:  # the transitions come after the ends
+            if (blocks.kind == "stage") != (kind == "stage") or not blocks.nodes:
                 continue
             table, first = blocks.read(name), 0
             for i in dict.fromkeys(i for i, _ in blocks.nodes):
                 if kind == "end":
-                    out[i], first = table[first], first + 1
+                    out[i], first = np.concatenate([out[i], table[first]]), first + 1
                 else:
                     count = self.problem.phases[i].num_stages
                     out[i], first = table[first : first + count], first + count
@@ -295,3 +300,16 @@ class SolverMemory:
         other = {"x": "xt", "u": "ut"}[name]
         own = self.arrays[i]
         return own[other] if self.accepted(i, name) is own[name] else own[name]
+
+
+_KINDS = {
+    "weight": "residual", "g_mask": "g", "relaxation": "g", "shift": "g", "h_mask": "h", "multiplier": "h",
+    "penalty": "h",
+}  # fmt: skip
+"""The kind of the rows that an array has numbers for."""
+
+
+def _of_end(phase: CompiledPhase, kind: str, name: str, values: Array) -> Array:
+    """Return the part of an array of the last node's rows that a kind of blocks has: the mode's or the transition's."""
+    own = len(phase.mode.rows[f"terminal_{_KINDS[name]}"])
+    return values[:own] if kind == "end" else values[own:]

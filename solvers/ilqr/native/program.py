@@ -63,7 +63,8 @@ def source_parts(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTrans
     for transition in transitions:
         source, target = transition.source, transition.target
         definite = source.definite_size(transition.key) if transition.nz else 0
-        sizes = repr((source.state.ndx, target.state.ndx, transition.nz, transition.layout.size, definite))
+        counts = [(name, len(rows)) for name, rows in transition.rows.items()]
+        sizes = repr((source.state.ndx, target.state.ndx, transition.nz, transition.layout.size, counts, definite))
         parts += ["transition", sizes, *_serialized(transition.functions, TRANSITION_FUNCTIONS)]
     return parts
 

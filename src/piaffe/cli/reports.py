@@ -89,8 +89,26 @@ def print_solution(console: Console, solution: Solution, wall_s: float) -> None:
         amount = f"{row.amount:.1e}" if met else f"[red]{row.amount:.2e}[/]"
         table.add_row(row.name, row.kind, amount, row.unit, f"{row.phase}, node {row.node}" if row.amount > 0 else "")
     console.print(table)
+    print_impacts(console, solution)
     if not solution.converged:
         console.print(solution.explain())
+
+
+def print_impacts(console: Console, solution: Solution) -> None:
+    """Print the impulses of the feet that land: the largest and smallest vertical one, and the largest ratio."""
+    from piaffe.models import measures
+
+    found = measures.impacts(solution.trajectory)
+    if not found:
+        return
+    table = new_table("impact after", ">at s", ">feet", ">smallest Λz", ">largest Λz", ">max(|Λx|, |Λy|)/Λz", "unit")
+    for impact in found:
+        normal = impact.normal
+        table.add_row(
+            plain(impact.phase), f"{impact.time:.2f}", str(len(normal)), f"{normal.min():.3g}", f"{normal.max():.3g}",
+            f"{impact.ratio:.3g}", "N s",
+        )  # fmt: skip
+    console.print(table)
 
 
 # ---- verify

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.models import measures
 from piaffe.ocp import Quantity, rotation
 
 from .style import AXES, LEGS, colours
@@ -96,6 +97,14 @@ def forces(solution: Solution) -> tuple[Array, Array]:
         table = stored.reshape(n, count, 3) if stored is not None and known else np.full((n, count, 3), np.nan)
         values.append(np.concatenate([table, table[-1:]]))
     return np.concatenate(times), np.concatenate(values)
+
+
+def impulses(solution: Solution) -> tuple[Array, Array]:
+    """Return times of impacts (n,) and world impulses (n, nf, 3) [N s], NaN for feet that do not land; n may be 0."""
+    count = len(feet_of(solution))
+    found = [impact for impact in measures.impacts(solution.trajectory) if len(impact.impulses) == count]
+    values = np.array([impact.impulses for impact in found]).reshape(-1, count, 3)
+    return np.array([impact.time for impact in found]), values
 
 
 def friction(solution: Solution) -> float | None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from .curves import Panel, feet_of, forces, friction
+from .curves import Panel, feet_of, forces, friction, impulses
 from .style import AXES, BOUND, FAINT, FLIGHT, INK, LEGS, NEUTRAL, SHADES
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def normal_forces(axes: Axes, solution: Solution) -> None:
 
 
 def cone(axes: Axes, solution: Solution) -> None:
-    """Draw tangential against normal force, with the friction cone."""
+    """Draw tangential against normal force, with the friction cone; impulses too, scaled to the same size."""
     _, force = forces(solution)
     normal = force[..., 2]
     pushing = np.abs(force).max(axis=-1) > 1e-6
@@ -95,6 +95,26 @@ def cone(axes: Axes, solution: Solution) -> None:
         axes.plot(force[on, i, 0], normal[on, i], ".", ms=3.2, color=LEGS[i % len(LEGS)], alpha=0.85)
         axes.plot(force[on, i, 1], normal[on, i], "+", ms=3.6, mew=0.8, color=LEGS[i % len(LEGS)], alpha=0.85)
     mu, top = friction(solution), float(np.nanmax(normal, initial=1.0)) * 1.08
+    _, impulse = impulses(solution)
+    largest = float(np.nanmax(np.abs(impulse), initial=0.0))
+    if largest > 0.0:
+        scaled = impulse * (0.9 * top / largest)
+        for i in range(scaled.shape[1]):
+            on = np.isfinite(impulse[:, i, 0])
+            look: dict[str, Any] = {
+                "ls": "",
+                "mec": LEGS[i % len(LEGS)],
+                "mfc": "none",
+                "mew": 0.9,
+                "ms": 4.5,
+                "zorder": 3,
+            }
+            axes.plot(scaled[on, i, 0], scaled[on, i, 2], marker="D", **look)
+            axes.plot(scaled[on, i, 1], scaled[on, i, 2], marker="s", **look)
+        axes.text(
+            1.0, 0.03, f"◇ $Λ_x$, □ $Λ_y$ [N s] × {0.9 * top / largest:.3g} /s", transform=axes.transAxes, ha="right",
+            va="bottom", color=FAINT, fontsize=7,
+        )  # fmt: skip
     if mu is not None:
         axes.plot([-mu * top, 0, mu * top], [top, 0, top], color=BOUND, lw=0.9, ls=(0, (4, 2)), zorder=1)
         axes.fill([-mu * top, 0, mu * top], [top, 0, top], color="#EAF3EC", zorder=0.5, lw=0)
@@ -107,7 +127,7 @@ def cone(axes: Axes, solution: Solution) -> None:
 
 
 def cone_use(axes: Axes, solution: Solution) -> None:
-    """Draw the larger tangential component relative to the largest that friction allows."""
+    """Draw the larger tangential component relative to the largest that friction allows; impulses as diamonds."""
     over_time(axes, solution)
     times, force = forces(solution)
     mu = friction(solution) or 1.0
@@ -116,6 +136,11 @@ def cone_use(axes: Axes, solution: Solution) -> None:
         use = np.full(len(times), np.nan)
         use[pushing] = np.abs(force[pushing, i, :2]).max(axis=1) / (mu * force[pushing, i, 2])
         axes.plot(times, use, color=LEGS[i % len(LEGS)], drawstyle="steps-post")
+    at, impulse = impulses(solution)
+    for i in range(impulse.shape[1]):
+        on = impulse[:, i, 2] > 1e-6
+        ratio = np.abs(impulse[on, i, :2]).max(axis=1) / (mu * impulse[on, i, 2])
+        axes.plot(at[on], ratio, "D", ms=4.0, mfc="none", mew=0.9, color=LEGS[i % len(LEGS)], clip_on=False)
     axes.axhline(1.0, color=BOUND, lw=0.8, ls=(0, (4, 2)), zorder=1)
     axes.set_ylim(0, 1.15)
     axes.set_title("Use of friction  max(|$F_x$|, |$F_y$|) / μ$F_z$" if friction(solution) else "Slope of the force")

@@ -50,12 +50,15 @@ def referee(problem: CompiledProblem, start: tuple[list[np.ndarray], list[np.nda
             constrain(h, phase.h_mask[k], 0.0)
             cost += 0.5 * phase.dt * cs.dot(phase.weight[k], residual**2)
         residual, g, h = f["terminal"](X[:, n], phase.p_end)
+        if phase.transition is not None:
+            t, p = phase.transition.functions, phase.p_transition
+            z = implicit(t["implicit"], X[:, n], p)
+            before = t["reset"](X[:, n], z, p)
+            more = t["rows"](X[:, n], z, p)
+            residual, g, h = (cs.vertcat(own, added) for own, added in zip((residual, g, h), more, strict=True))
         cost += 0.5 * cs.dot(phase.end_weight, residual**2)
         constrain(g, phase.end_g_mask, np.inf)
         constrain(h, phase.end_h_mask, 0.0)
-        if phase.transition is not None:
-            t, p = phase.transition.functions, phase.p_transition
-            before = t["reset"](X[:, n], implicit(t["implicit"], X[:, n], p), p)
     program = {"x": cs.vertcat(*w), "f": cost, "g": cs.vertcat(*rows)}
     quiet = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-10, "bound_relax_factor": 0.0}}
     solver = cs.nlpsol("referee", "ipopt", program, quiet)

@@ -73,6 +73,24 @@ def test_relaxation_stops_at_the_floor_and_never_grows() -> None:
     assert barrier.shrink(np.array([1e-7]), g, mask, slack=1e-5, floor=1e-6).item() == 1e-7
 
 
+def test_active_rows_keep_their_multiplier_at_the_bound_when_the_weight_drops() -> None:
+    relaxation, shift = np.full(5, 0.1), np.array([0.0, 0.0, 0.0, 0.0, 0.06])
+    g, mask = np.array([-0.2, 0.05, 0.11, 0.05, 0.12]), np.array([1.0, 1.0, 1.0, 0.0, 1.0])
+    followed = barrier.follow(relaxation, g, shift, mask, drop=0.3, floor=1e-9)
+    np.testing.assert_array_equal(followed, [0.3 * 0.1, 0.3 * 0.1, 0.1, 0.1, 0.3 * 0.1])
+    before, after = (
+        -weight * barrier.slope(np.zeros(5), delta) for weight, delta in ((1.0, relaxation), (0.3, followed))
+    )
+    active = [0, 1, 4]
+    np.testing.assert_allclose(after[active], before[active])  # λ = 2 ε/δ at g = 0
+
+
+def test_followed_relaxations_stop_at_the_floor_and_never_grow() -> None:
+    relaxation, nothing = np.array([2e-3, 1e-4]), np.zeros(2)
+    followed = barrier.follow(relaxation, nothing, nothing, np.ones(2), drop=0.3, floor=1e-3)
+    np.testing.assert_array_equal(followed, [1e-3, 1e-4])
+
+
 def test_recentred_row_pushes_at_zero_as_it_pushed_where_it_was() -> None:
     relaxation, shift, g = np.full(2, 1e-3), np.array([0.0, 0.02]), np.array([-0.01, -0.005])
     moved = barrier.recentre(shift, g, np.ones(2), slack=1e-5)

@@ -41,10 +41,13 @@ typedef struct {
                     double *dV);
 } Mode;
 
+/* The change of the state between two phases. Its rows (on impulses) are rows of the last node, after the mode's; lq adds their
+ * gradient and Hessian to those of the mode. */
 typedef struct {
-    int nx, ndx, nx_next, ndx_next, nz, nf, np;
+    int nx, ndx, nx_next, ndx_next, nz, nf, np, nr, ng, nh;
     void (*values)(const Block *b, const double *const *x, double *const *x_next);
-    void (*lq)(const Block *b, const double *const *x, const double *const *xn, double *const *P);
+    void (*lq)(const Block *b, const double *const *x, const double *const *xn, const double *slope,
+               const double *curvature, double *const *P, double *const *grad, double *const *H);
 } Transition;
 
 /* One phase of N stages; row-major arrays. */

@@ -43,7 +43,7 @@ class Case:
 
 FAILING = {"armijo": 0.9, "min_step": 0.2}
 CASES = {
-    "PATIENCE": Case(2, "swing up", 30, {"armijo": 1e-6}),
+    "PATIENCE": Case(1, "swing up", 30, {"cost_tolerance": 1e-3, "max_defect": 1.0}),
     "NEARLY_CLOSED": Case(0.15, "swing up", 12),
     "REGULARIZATION_FACTOR": Case(2.0, "rope", 12, FAILING),
     "RAISES_AFTER_FAILURE": Case(1, "rope", 12, FAILING),
@@ -58,7 +58,7 @@ CASES = {
     "GAP_DECREASE": Case(0.2, "rope", 8),
     "SAME_MERIT": Case(1e3, "swing up", 4, warm=True),
     "NEARLY_MET": Case(1000.0, "rope"),
-    "NEAR_BOUND": Case(1.0, "swing up"),
+    "NEAR_BOUND": Case(1.0, "rope", 60, {"max_inner": 1}),
     "SLACK": Case(0.75, "bouncing ball"),
     "AT_FLOOR": Case(3.0, "hopper"),
     "LARGEST_SHRINK": Case(9.0, "rope", 12),
