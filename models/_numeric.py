@@ -22,6 +22,8 @@ from .tree import Inertials, Point, Tree
 Array = NDArray[np.float64]
 Contacts = str | Stance
 
+_LARGEST_GAMMA = 100.0  # [1/s]: at smaller steps the error of a step is so small that a larger one is of no use
+
 
 class NumericWholeBody(LeggedModel):
     """Numerical evaluation of a :class:`WholeBody`.
@@ -32,6 +34,7 @@ class NumericWholeBody(LeggedModel):
 
     tree: Tree
     contacts: tuple[Point, ...]
+    _baumgarte: float | None
 
     def acceleration(self, x: ArrayLike, u: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
         """Return dv/dt, (nv,)."""
@@ -52,10 +55,15 @@ class NumericWholeBody(LeggedModel):
 
     def step(self, x: ArrayLike, u: ArrayLike, feet: Contacts, dt: float, **parameters: Any) -> Array:
         """Return the state one time step later, (nx,), with a unit quaternion."""
+        parameters = {"gamma": self.gamma(dt), **parameters}
         p = self.numbers(contact=self.flags(feet), **parameters)
         state, control = self.checked("x", x, self.state.nx), self.checked("u", u, self.control.nx)
         z = self._solve_contact(state, control, feet, dt, parameters)
         return self.state.np_normalise(self._functions["step"](state, control, z, dt, *p.values()).full().ravel())
+
+    def gamma(self, dt: float) -> float:
+        """Return Baumgarte's γ for a time step [s], in 1/s: 1/dt, at most 100, unless the model was given one."""
+        return min(1 / dt, _LARGEST_GAMMA) if self._baumgarte is None else self._baumgarte
 
     def foot_positions(self, x: ArrayLike) -> Array:
         """Return the world positions of the feet's frames, (nf, 3) [m]."""

@@ -53,6 +53,7 @@ class Node:
         sample: the targets at this time.
         previous_mode: the mode of the previous motion phase; None in the first.
         steps: number of stages since the start of the motion phase.
+        dt: time step [s]; 0 if it is unknown.
     """
 
     time: float
@@ -61,6 +62,7 @@ class Node:
     sample: Sample
     previous_mode: Hashable | None = None
     steps: int = 0
+    dt: float = 0.0
 
 
 class Quantities:

@@ -8,6 +8,7 @@ from piaffe.errors import ModelError
 from piaffe.models import Robot, SingleRigidBody, WholeBody, load
 from piaffe.models.integrators import INTEGRATORS, Integrator
 from piaffe.models.robot import to_pinocchio
+from piaffe.ocp import Node
 from tests.robots import ROBOTS
 
 from .test_whole_body import Oracle, random_state, rows_of, solve_contact
@@ -51,11 +52,11 @@ def midpoint_acceleration(robot: Robot, x: np.ndarray, u: np.ndarray, rows: np.n
     x = np.concatenate([p, quaternion, q, v])
     still, a = Oracle(robot, np.concatenate([p, quaternion, q, 0 * v])), np.zeros(len(v))
     J = still.J[rows]
-    K = np.block([[still.M, -J.T], [J, np.zeros((len(rows), len(rows)))]])
+    K = np.block([[still.M, -J.T], [1.5 * J, np.zeros((len(rows), len(rows)))]])
     for _ in range(40):  # contracts, because dt is small
         (n, drift), (m, slip) = (squares_at(robot, x, each) for each in (v + a * dt / 2, a * dt / 2))
         force = np.r_[np.zeros(6), u] - still.n - n + m
-        constraint = slip[rows] - drift[rows] - 20.0 * J @ (v + a * dt / 2)
+        constraint = slip[rows] - drift[rows] - J @ v / dt  # γ = 1/dt; its part of a is in K
         a = np.linalg.solve(K, np.concatenate([force, constraint]))[: len(v)]
     return a
 
@@ -194,3 +195,12 @@ def test_unknown_integrators_are_refused() -> None:
         WholeBody(robot, integrator="rk4")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="rigid body of 'mini_cheetah': unknown integrator - got 'semi_implicit'"):
         SingleRigidBody(robot, integrator="semi_implicit")
+
+
+def test_gamma_follows_the_step_with_midpoint_steps() -> None:
+    body, given = WholeBody(load("solo12")), WholeBody(load("solo12"), baumgarte=7.0)
+    assert [body.gamma(dt) for dt in (0.02, 0.01, 0.001)] == [50.0, 100.0, 100.0]
+    assert given.gamma(0.01) == 7.0
+    assert WholeBody(load("solo12"), integrator="euler").gamma(0.01) == 20.0
+    assert body.node_parameters(Node(0.0, body.resolve("FL"), None, {}, dt=0.02))["gamma"] == 50.0
+    assert "gamma" not in given.node_parameters(Node(0.0, body.resolve("FL"), None, {}, dt=0.02))
