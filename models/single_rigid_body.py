@@ -12,7 +12,18 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Quantity, Sample, rotation
+from piaffe.ocp import (
+    Block,
+    Bound,
+    Dynamics,
+    Manifold,
+    Node,
+    Promises,
+    Quantities,
+    Quantity,
+    Sample,
+    rotation,
+)
 
 from .bindings import ground_normal
 from .holding import holding_forces
@@ -96,6 +107,10 @@ class SingleRigidBody(LeggedModel):
         next_state = cs.vertcat(integrate(x[:7], x[7:13], p["dt"]), x[7:13] + a * p["dt"])
         quantities = Quantities(self.name, self._makers(x, u, R @ tensor @ omega, p))
         return Dynamics(cs.SX(0, 1), next_state, quantities, outputs=(feet.force,))
+
+    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
+        """Return that the base falls freely if no foot is on the ground; the footholds are given, not integrated."""
+        return Promises(falling=(self.falling_centre(quantities, p),))
 
     def step(
         self, x: ArrayLike, u: ArrayLike, feet: str | Stance, footholds: ArrayLike, dt: float, **parameters: Any

@@ -9,7 +9,7 @@ import casadi as cs
 import numpy as np
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Quantities, Reset
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Promises, Quantities, Reset, Resting
 
 from ._numeric import NumericWholeBody
 from .bindings import bind_motion, foot_points, frame_points, inertials
@@ -168,6 +168,15 @@ class WholeBody(NumericWholeBody):
         """Return the heights of the feet, with the landing feet as mask."""
         height = quantities.bind(feet.height)
         return Bound(height.quantity, height.value, height.labels, mask=p["landing"])
+
+    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
+        """Return that feet on the ground rest, and that the centre of mass falls freely if none is."""
+        place, height = (quantities.bind(each).value for each in (feet.position, feet.height))
+        resting = tuple(
+            Resting(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
+            for i, name in enumerate(self.robot.foot_names)
+        )
+        return Promises(resting, (self.falling_centre(quantities, p),))
 
     def _makers(
         self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]

@@ -19,6 +19,7 @@ INTERNAL: dict[str, dict[str, str]] = {
     "ocp": {
         "Kind": _TYPE,
         "PlanarFrame": _TYPE,
+        "Solved": _TYPE,
         "SAME_TIME": "how close two times are that count as one",
         "Sample": _TYPE,
         "When": _TYPE,
@@ -46,7 +47,11 @@ INTERNAL: dict[str, dict[str, str]] = {
     "solvers": {},
     "simulation": {
         "MAX_SPEED": "the speed at which a simulation has diverged, for engines",
+        "Policy": "of piaffe.ocp, where it is shown",
         "Progress": _TYPE,
+        "interpolate": "of piaffe.ocp, where it is shown",
+        "node_before": "of piaffe.ocp, where it is shown",
+        "phase_index": "of piaffe.ocp, where it is shown",
     },
     "sampling": {
         "Episode": "of piaffe.simulation, where it is shown",

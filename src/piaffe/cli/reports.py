@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     )
     from piaffe.solvers import Solution
 
-KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality")
+KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality", "slip", "height", "flight")
 _LOG_WIDTH = 150
 
 
@@ -104,7 +104,8 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
     worst = result.worst()
     return {
         "verified": result.holds, "max_defect": result.max_defect, "max_equality": result.max_equality,
-        "max_inequality": result.max_inequality, "turns_rad": None if turns is None else turns.tolist(),
+        "max_inequality": result.max_inequality, "max_slip_m": result.max_slip, "max_height_m": result.max_height,
+        "max_flight_m": result.max_flight, "turns_rad": None if turns is None else turns.tolist(),
         "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
         "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
         "duration_s": trajectory.duration, "worst": _violation_values(worst),
@@ -127,7 +128,7 @@ def print_verification(console: Console, result: Verification, values: dict[str,
         if row is not None:
             colour = "green" if row.ratio <= 1 else "red"
             table.add_row(
-                kind, f"[{colour}]{row.amount:.2e}[/]", f"{BOUNDS[kind]:.0e}", row.name, row.phase, str(row.node),
+                kind, f"[{colour}]{row.amount:.2e}[/]", f"{BOUNDS[kind]:.3g}", row.name, row.phase, str(row.node),
                 row.unit, row.source,
             )  # fmt: skip
     console.print(table)

@@ -1,5 +1,10 @@
 """Closed-loop episodes of a controller on a MuJoCo plant."""
 
+from piaffe.ocp import Policy as Policy
+from piaffe.ocp import interpolate as interpolate
+from piaffe.ocp import node_before as node_before
+from piaffe.ocp import phase_index as phase_index
+
 from .closed_loop import Progress as Progress
 from .closed_loop import run_episode as run_episode
 from .controller import Controller as Controller
@@ -8,12 +13,8 @@ from .controller import Plan as Plan
 from .controller import TickingController as TickingController
 from .episode import Episode as Episode
 from .forces import foot_forces as foot_forces
-from .interpolation import interpolate as interpolate
-from .interpolation import node_before as node_before
-from .interpolation import phase_index as phase_index
 from .plant import MAX_SPEED as MAX_SPEED
 from .plant import Plant as Plant
-from .policy import Policy as Policy
 from .policy_controller import PolicyController as PolicyController
 from .policy_controller import PolicyPlan as PolicyPlan
 from .policy_run import PolicyRun as PolicyRun

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.models import Mujoco, Robot, SoftContact, torques
+from piaffe.ocp import Policy
 
 from .plant import Plant
-from .policy import Policy
 
 Array = NDArray[np.float64]
 
