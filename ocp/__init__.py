@@ -100,6 +100,7 @@ from .reports import Kind as Kind
 from .reports import Verification as Verification
 from .reports import Violation as Violation
 from .reports import check_derivatives as check_derivatives
+from .reports import check_fits as check_fits
 from .reports import describe as describe
 from .reports import find_warnings as find_warnings
 from .reports import half_turns as half_turns

@@ -25,6 +25,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "When": _TYPE,
         "call": "runs a user's function, and names it in errors",
         "problem_names": "finds problems in a file, for the error that lists them",
+        "check_fits": _CHECK,
         "check_numbers": _CHECK,
         "column": "turns what a user's function returned into one column",
         "file_error": "the error of a file that does not run",

@@ -11,8 +11,14 @@ from .controller import Controller as Controller
 from .controller import Judgement as Judgement
 from .controller import Plan as Plan
 from .controller import TickingController as TickingController
+from .deviation import Deviation as Deviation
 from .episode import Episode as Episode
+from .execution import Execution as Execution
+from .execution import Trial as Trial
+from .execution import declared_friction as declared_friction
+from .execution import execute as execute
 from .forces import foot_forces as foot_forces
+from .perturbation import Perturbation as Perturbation
 from .plant import MAX_SPEED as MAX_SPEED
 from .plant import Plant as Plant
 from .policy_controller import PolicyController as PolicyController
