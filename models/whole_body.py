@@ -7,9 +7,10 @@ from typing import Literal
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Promises, Quantities, Reset, Resting
+from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Promises, Quantities, Reset, Resting
 
 from ._numeric import NumericWholeBody
 from .bindings import bind_motion, foot_points, frame_points, inertials
@@ -21,7 +22,10 @@ from .robot import Robot, require_robot
 from .terrain import Flat
 from .tree import Tree
 
+Array = NDArray[np.float64]
 Integrator = Literal["euler", "semi_implicit"]
+
+_GAMMA = 20.0  # [1/s], in numerical calls
 
 
 class WholeBody(NumericWholeBody):
@@ -32,12 +36,14 @@ class WholeBody(NumericWholeBody):
         M a + n − Jᵀ S F          = B u
         S (J a + J̇ v + γ J v + d F) + (I − S) F = 0
 
-    where γ [1/s] (Baumgarte) reduces a foot's velocity to zero and d is the compliance ``contact_damping``.
+    where γ [1/s] (Baumgarte) reduces a foot's velocity to zero and d is the compliance ``contact_damping``. By default
+    γ is 1/dt in a compiled problem: the velocity that a step leaves a standing foot is gone after the next one. It is
+    20 1/s in numerical calls.
     Acceleration and generalised force are in the state's layout: world linear, body angular, joints.
 
     Args:
         robot: the robot.
-        baumgarte: γ [1/s].
+        baumgarte: γ [1/s], in place of the one that follows from the time step.
         integrator: ``"euler"``: ``q ⊕ v dt``, ``v + a dt``; ``"semi_implicit"``: the same with the new v in q.
         contact_damping: d [1/kg], needed if contact points are redundant; None for rigid contacts.
         name: name of the model; the robot's by default.
@@ -50,7 +56,7 @@ class WholeBody(NumericWholeBody):
         self,
         robot: Robot,
         *,
-        baumgarte: float = 20.0,
+        baumgarte: float | None = None,
         integrator: Integrator = "euler",
         contact_damping: float | None = None,
         name: str | None = None,
@@ -61,7 +67,7 @@ class WholeBody(NumericWholeBody):
                 f"whole body of '{robot.name}': unknown integrator - got {integrator!r}, expected 'euler' or "
                 "'semi_implicit'; choose one"
             )
-        if not (isinstance(baumgarte, int | float | np.floating) and 0 <= baumgarte < np.inf):
+        if baumgarte is not None and not (isinstance(baumgarte, int | float | np.floating) and 0 <= baumgarte < np.inf):
             raise ModelError(
                 f"whole body of '{robot.name}': baumgarte is out of range - got {baumgarte!r}, expected a finite "
                 "number ≥ 0 [1/s]; change it"
@@ -78,7 +84,7 @@ class WholeBody(NumericWholeBody):
             "lifting": np.zeros(nf),
             "terrain": 0.0,
             "foot_radius": robot.foot_radius,
-            "gamma": baumgarte,
+            "gamma": _GAMMA if baumgarte is None else baumgarte,
             "contact_damping": contact_damping or 0.0,
             "gravity": robot.model.gravity.linear,
             "link_mass": tree.mass,
@@ -91,11 +97,17 @@ class WholeBody(NumericWholeBody):
         control = Manifold((Block(joints.torque, robot.joint_names),))
         super().__init__(robot, name or robot.name, (*positions, *velocities), control, slots=slots)
         self.integrator: Integrator = integrator
+        self._gamma_follows = baumgarte is None
         self.tree = tree
         self._points = frame_points(robot)
         self.contacts = foot_points(robot, self._points)
         if contact_damping is None:
             self._refuse_redundant_contacts()
+
+    def node_parameters(self, node: Node) -> dict[str, Array]:
+        """Return the slots of a legged model, and ``gamma`` if it follows from the time step."""
+        follows = self._gamma_follows and node.dt > 0
+        return {**super().node_parameters(node), **({"gamma": np.array([1.0 / node.dt])} if follows else {})}
 
     # ---- sizes
 

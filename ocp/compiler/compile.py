@@ -244,7 +244,7 @@ class Compilation:
         now, before = self._modes[key]
         after = self.neighbour(model, span.following) if is_end else None
         steps = round((t - interval.start) / span.segment.dt)
-        return Node(t, now, after, sample, before, steps)
+        return Node(t, now, after, sample, before, steps, span.segment.dt)
 
     # ---- between phases
 

@@ -54,6 +54,7 @@ class Node:
         sample: the targets at this time.
         previous_mode: the mode of the previous motion phase; None in the first.
         steps: number of stages since the start of the motion phase.
+        dt: time step of the schedule there [s]; 0 if it is not known.
     """
 
     time: float
@@ -62,6 +63,7 @@ class Node:
     sample: Sample
     previous_mode: Hashable | None = None
     steps: int = 0
+    dt: float = 0.0
 
 
 class Quantities:
