@@ -14,6 +14,7 @@ import pytest
 
 from piaffe import models, ocp, sampling, solvers
 from piaffe.models import measures
+from piaffe.simulation import execute
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FILES = sorted(EXAMPLES.glob("*.py"))
@@ -160,6 +161,15 @@ def test_the_flip_turns_once_backwards_and_keeps_its_knees_off_the_ground(load):
         knee = models.frames[f"{leg}_KFE"].position
         heights = ocp.quantity_values(ocp.compile_problem(problem), solution.trajectory, knee)
         assert min(values[:, 2].min() for values in heights) > 0.03 - 1e-3
+
+
+@pytest.mark.parametrize(("file", "name"), [("barrel_roll", "problem"), ("gaits", "bound")])
+def test_the_policy_follows_the_plan_in_simulation(file, name, load):
+    problem = getattr(load(file), name)
+    made = execute(solvers.MSiLQR(problem).solve().raise_if_failed(), problem, seeds=3)
+    assert made.friction == 0.6
+    assert made.followed == 3, "\n".join(map(str, made.trials))
+    assert made.median_error <= 0.05
 
 
 @pytest.mark.parametrize("name", ["bound", "pronk", "pace", "flying_trot", "trot", "walk"])
