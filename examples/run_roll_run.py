@@ -13,7 +13,7 @@ robot = models.load("mini_cheetah")
 body = models.WholeBody(robot)
 
 limits = ocp.Constraints(
-    models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits(), models.joint_speed_limits(),
+    models.friction_cone(mu=0.6), models.torque_limits(0.9), models.joint_limits(), models.joint_speed_limits(),
     models.base_height(minimum=0.13), models.foot_clearance(minimum=0.0),
 )  # fmt: skip
 objective = ocp.Objective(
@@ -23,7 +23,7 @@ objective = ocp.Objective(
     ocp.track(base.angular_velocity, weight=1.0),
     ocp.track(joints.position, weight=1.0),
     ocp.track(joints.velocity, weight=0.05),
-    ocp.regularize(joints.torque, weight=0.02),
+    ocp.regularize(joints.torque, weight=0.05),
     ocp.track(base.position, weight=(0, 1, 50), at="phase_end"),
     ocp.track(base.orientation, weight=(10, 5, 5), at="phase_end"),
     ocp.track(joints.position, weight=1.0, at="phase_end"),

@@ -11,11 +11,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
-from piaffe.ocp import Block, Manifold, ModelBase, Node, Path, ProblemWarning, Quantity, Sample, Slot, rotation
+from piaffe.ocp import (
+    Block,
+    Falling,
+    Manifold,
+    ModelBase,
+    Node,
+    Path,
+    ProblemWarning,
+    Quantities,
+    Quantity,
+    Sample,
+    Slot,
+    rotation,
+)
 
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate
-from .quantities import base
+from .quantities import base, com
 from .robot import Robot
 from .robots import robot_recipe
 from .stance import Stance, stance
@@ -134,6 +147,14 @@ class LeggedModel(ModelBase):
     def lands(self, node: Node) -> bool:
         """Return whether a foot touches down at this phase end."""
         return bool(self.node_parameters(node).get("landing", np.zeros(1)).any())
+
+    def falling_centre(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> Falling:
+        """Return that the centre of mass falls freely if no foot is on the ground."""
+        place, speed = (quantities.bind(each).value for each in (com.position, com.velocity))
+        flag = cs.SX(1)
+        for i in range(self.num_feet):
+            flag *= 1 - p["contact"][i]
+        return Falling("centre of mass", flag, place, speed, p["gravity"])
 
     # ---- files
 

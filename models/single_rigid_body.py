@@ -12,7 +12,19 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Quantity, Sample, SplitStep, rotation
+from piaffe.ocp import (
+    Block,
+    Bound,
+    Dynamics,
+    Manifold,
+    Node,
+    Promises,
+    Quantities,
+    Quantity,
+    Sample,
+    SplitStep,
+    rotation,
+)
 
 from .bindings import ground_normal
 from .holding import holding_forces
@@ -119,6 +131,10 @@ class SingleRigidBody(LeggedModel):
         step, first = self.integrator, cs.vertcat(at[:7], v_next)
         split = SplitStep(at, begun(step, x, 6, dt), cs.SX(0, 1), first, lambda w: finished(step, w, 6, dt))
         return split.dynamics(quantities, outputs=(feet.force,))
+
+    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
+        """Return that the base falls freely if no foot is on the ground; the footholds are given, not integrated."""
+        return Promises(falling=(self.falling_centre(quantities, p),))
 
     def step(
         self, x: ArrayLike, u: ArrayLike, feet: str | Stance, footholds: ArrayLike, dt: float, **parameters: Any

@@ -10,7 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
-from piaffe.ocp import Block, Bound, Dynamics, Manifold, Node, Quantities, Reset, SplitStep
+from piaffe.ocp import (
+    Block,
+    Bound,
+    Dynamics,
+    Manifold,
+    Node,
+    Promises,
+    Quantities,
+    Reset,
+    Resting,
+    SplitStep,
+)
 
 from ._numeric import NumericWholeBody
 from .bindings import bind_motion, foot_points, frame_points, inertials
@@ -44,8 +55,8 @@ class WholeBody(NumericWholeBody):
 
     Args:
         robot: the robot.
-        baumgarte: γ [1/s]. By default 20, as published; with midpoint steps 1/dt, at most 100: a step then leaves a third
-            of the velocity of a standing foot.
+        baumgarte: γ [1/s]. By default 20, as published; in midpoint steps 1/dt, at most 100: a step then leaves a
+            third of the velocity of a standing foot.
         integrator: how a step moves positions; velocities become v⁺ = v + a dt. ``"midpoint"``: ``(q ⊕ ½ v dt) ⊕ ½ v⁺
             dt``, with the dynamics in the middle and squares of velocities as products of v and v⁺; it is of second
             order. ``"euler"``: ``q ⊕ v dt``, as published. ``"semi_implicit"``: ``q ⊕ v⁺ dt``; standing feet drift as
@@ -222,6 +233,15 @@ class WholeBody(NumericWholeBody):
         """Return the heights of the feet, with the landing feet as mask."""
         height = quantities.bind(feet.height)
         return Bound(height.quantity, height.value, height.labels, mask=p["landing"])
+
+    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
+        """Return that feet on the ground rest, and that the centre of mass falls freely if none is."""
+        place, height = (quantities.bind(each).value for each in (feet.position, feet.height))
+        resting = tuple(
+            Resting(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
+            for i, name in enumerate(self.robot.foot_names)
+        )
+        return Promises(resting, (self.falling_centre(quantities, p),))
 
     def _makers(
         self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]

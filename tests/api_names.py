@@ -19,11 +19,13 @@ INTERNAL: dict[str, dict[str, str]] = {
     "ocp": {
         "Kind": _TYPE,
         "PlanarFrame": _TYPE,
+        "Solved": _TYPE,
         "SAME_TIME": "how close two times are that count as one",
         "Sample": _TYPE,
         "When": _TYPE,
         "call": "runs a user's function, and names it in errors",
         "problem_names": "finds problems in a file, for the error that lists them",
+        "check_fits": _CHECK,
         "check_numbers": _CHECK,
         "column": "turns what a user's function returned into one column",
         "file_error": "the error of a file that does not run",
@@ -46,7 +48,11 @@ INTERNAL: dict[str, dict[str, str]] = {
     "solvers": {},
     "simulation": {
         "MAX_SPEED": "the speed at which a simulation has diverged, for engines",
+        "Policy": "of piaffe.ocp, where it is shown",
         "Progress": _TYPE,
+        "interpolate": "of piaffe.ocp, where it is shown",
+        "node_before": "of piaffe.ocp, where it is shown",
+        "phase_index": "of piaffe.ocp, where it is shown",
     },
     "sampling": {
         "Episode": "of piaffe.simulation, where it is shown",

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
 from .manifold import Manifold
+from .promise import Promises
 from .quantity import Bound, Quantity
 from .schedule import Schedule, Segment
 
@@ -268,6 +269,10 @@ class ModelBase(ABC):
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound | None:
         """Return rows that must be zero at a phase's end because of the next phase (a touchdown), or None."""
         return None
+
+    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
+        """Return what a mode promises beyond one step, for a verification; by default nothing."""
+        return Promises()
 
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
         """Translate a keyframe's entries to quantities; a rotation as roll, pitch, yaw, (3,) [rad], full turns kept."""

@@ -7,6 +7,7 @@ from .units import ConstraintReport as ConstraintReport
 from .units import CostReport as CostReport
 from .units import report as report
 from .verify import Verification as Verification
+from .verify import check_fits as check_fits
 from .verify import quantity_values as quantity_values
 from .verify import verify as verify
 from .violation import BOUNDS as BOUNDS

@@ -1,13 +1,15 @@
 """Verification: the violations of a trajectory, recomputed only from its states and controls, node by node.
 
 It uses the compiled functions and NumPy, and no code of a solver: one linear solve for z per node, the discrete step,
-the reset maps, and the rows of every equality and inequality.
+the reset maps, the rows of every equality and inequality, and the promises of models over many steps: feet on the
+ground stay where they are, and in flight the centre of mass follows its parabola.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import casadi as cs
@@ -18,6 +20,7 @@ from piaffe.errors import ProblemError, renamed_members
 
 from ..compiler import CompiledPhase, CompiledProblem, LoweredMode, Row
 from ..language import Quantity, Trajectory
+from .promises import departures
 from .violation import Kind, Violation
 
 Array = NDArray[np.float64]
@@ -25,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Verification:
-    """The violations of the rows of a problem by a trajectory.
+    """The violations of the rows of a problem, and of the promises of its models, by a trajectory.
 
     Args:
         violations: the worst node of every named row, also of rows that hold; the worst first within each kind.
@@ -59,6 +62,21 @@ class Verification:
         return self.largest("inequality")
 
     @property
+    def max_slip(self) -> float:
+        """Largest distance of a resting foot from where it was at the start of its stance [m], 0 without feet."""
+        return self.largest("slip")
+
+    @property
+    def max_height(self) -> float:
+        """Largest distance of a resting foot from the ground, above or below [m], 0 without feet."""
+        return self.largest("height")
+
+    @property
+    def max_flight(self) -> float:
+        """Largest distance of the centre of mass from its parabola, over every flight [m], 0 without flight."""
+        return self.largest("flight")
+
+    @property
     def holds(self) -> bool:
         """Whether every violation is within ``BOUNDS``."""
         return all(each.ratio <= 1.0 for each in self.violations)
@@ -68,7 +86,7 @@ class Verification:
 
 
 def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
-    """Recompute every defect, equality and inequality of a trajectory.
+    """Recompute every defect, equality, inequality, and promise of a model, of a trajectory.
 
     For a model without derivatives only the rows are recomputed, because the simulator makes its steps.
 
@@ -81,7 +99,7 @@ def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
     """
     check_fits(compiled, trajectory)
     worst: dict[tuple[str, str], Violation] = {}
-    for found in _violations(compiled, trajectory):
+    for found in chain(_violations(compiled, trajectory), departures(compiled, trajectory)):
         known = worst.get((found.kind, found.name))
         if known is None or found.amount > known.amount:
             worst[found.kind, found.name] = found

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Kind = Literal["defect", "equality", "inequality"]
+Kind = Literal["defect", "equality", "inequality", "slip", "height", "flight"]
 
-BOUNDS: dict[Kind, float] = {"defect": 1e-4, "equality": 1e-3, "inequality": 1e-3}
-"""Largest violations of a verified solution: defects in the tangent's units, rows in SI units over their scale."""
+BOUNDS: dict[Kind, float] = {
+    "defect": 1e-4, "equality": 1e-3, "inequality": 1e-3, "slip": 1e-3, "height": 1e-3, "flight": 12e-3,
+}  # fmt: skip
+"""Largest violations of a verified solution: defects in the tangent's units, rows in SI units over their scale; slip
+and height of resting feet and the distance of the centre of mass from its parabola in flight [m]."""
 
 
 @dataclass(frozen=True)
@@ -16,7 +19,8 @@ class Violation:
     """The violation of one named row at its worst node.
 
     Args:
-        name: term, component and side; for a defect the component of the state.
+        name: term, component and side; for a defect the component of the state; for slip, height and flight the foot
+            or the point.
         phase: name of the phase.
         node: node in the phase; a phase's defect 0 is that of the initial state or of the reset map before it.
         amount: violation in SI units divided by the row's scale; 0 if the row holds, infinite if it is not finite.

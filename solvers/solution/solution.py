@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import Trajectory, Violation
+from piaffe.ocp import Policy, Trajectory, Violation
 
 from . import file
 from .parts import PhaseSolution
@@ -80,6 +81,11 @@ class Solution:
     def controls(self) -> Array:
         """Controls of all phases stacked; only for phases of one control size, (stages, nu)."""
         return np.vstack([phase.controls for phase in self.trajectory.phases])
+
+    @cached_property
+    def policy(self) -> Policy:
+        """The policy: ``solution.policy(x, t)`` is the control ū + K (x ⊖ x̄) of a state x at time t [s], (nu,)."""
+        return Policy(self.trajectory, [phase.feedback for phase in self.phases])
 
     def raise_if_failed(self) -> Solution:
         """Return the solution; raise SolverError with the explanation if it has not converged."""

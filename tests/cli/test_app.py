@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -217,6 +218,51 @@ def test_verify_ends_with_1_beyond_the_bounds(capsys: pytest.CaptureFixture[str]
     code, out, _ = run(capsys, "verify", ball, f"{ball_file}:made")
     assert code == 1
     assert "not within the bounds" in out
+
+
+def test_verify_reports_slip_height_and_flight(capsys: pytest.CaptureFixture[str], hop_file: Path, hop: Path) -> None:
+    _, out, _ = run(capsys, "verify", hop, hop_file, "--json")
+    values = json.loads(out)
+    for kind, point in (("slip", "slip"), ("height", "height"), ("flight", "centre of mass off its parabola")):
+        worst = values[f"worst_{kind}"]
+        assert worst["amount"] == values[f"max_{kind}_m"]
+        assert worst["name"].endswith(point)
+        assert worst["unit"] == "m"
+    _, out, _ = run(capsys, "verify", hop, hop_file)
+    assert all(kind in out for kind in ("slip", "height", "flight"))
+
+
+def test_verify_plays_the_policy(capsys: pytest.CaptureFixture[str], hop_file: Path, hop: Path) -> None:
+    arguments = ("verify", hop, hop_file, "--simulate", "--seeds", 2, "--first-seed", 5, "--perturbation", 0.5)
+    code, out, _ = run(capsys, *arguments, "--json")
+    values = json.loads(out)
+    played = values["simulation"]
+    assert code == (0 if values["verified"] else 1)
+    assert (played["seeds"], played["followed"], played["friction"]) == (2, 2, 0.6)
+    assert played["duration_s"] == pytest.approx(0.4)
+    assert played["perturbation"]["joints"] == pytest.approx(0.005)
+    assert [trial["seed"] for trial in played["trials"]] == [5, 6]
+    assert 0 < played["error_median_m"] <= played["error_worst_m"] < 0.06
+    assert all({"what", "name", "time_s", "phase", "amount", "text"} == set(each) for each in trial_deviations(played))
+    _, out, _ = run(capsys, *arguments)
+    assert "2 of 2 starts followed to the end, 0.40 s, at friction 0.6" in out
+
+
+def trial_deviations(played: dict[str, Any]) -> list[dict[str, Any]]:
+    return [each for trial in played["trials"] for each in trial["deviations"]]
+
+
+def test_verify_says_why_a_start_is_lost(capsys: pytest.CaptureFixture[str], hop_file: Path, hop: Path) -> None:
+    code, out, _ = run(capsys, "verify", hop, hop_file, "--simulate", "--seeds", 1, "--perturbation", 40)
+    assert code == 1
+    assert "0 of 1 starts followed to the end" in out
+    assert "seed 0: lost at 0." in out
+
+
+def test_a_ball_cannot_be_played(capsys: pytest.CaptureFixture[str], ball_file: Path, ball: Path) -> None:
+    code, _, err = run(capsys, "verify", ball, ball_file, "--simulate")
+    assert code == 2
+    assert "execution: the problem does not begin with a whole body - got model 'ball'" in err
 
 
 def test_verify_refuses_another_problem(capsys: pytest.CaptureFixture[str], hop_file: Path, ball: Path) -> None:

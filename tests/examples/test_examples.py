@@ -12,8 +12,9 @@ import matplotlib
 import numpy as np
 import pytest
 
-from piaffe import ocp, sampling, solvers
+from piaffe import models, ocp, sampling, solvers
 from piaffe.models import measures
+from piaffe.simulation import execute
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FILES = sorted(EXAMPLES.glob("*.py"))
@@ -43,6 +44,7 @@ def checked(problem, solution):
     assert found.max_defect <= 1e-4
     assert found.max_equality <= 1e-3
     assert found.max_inequality <= 1e-3
+    assert found.holds  # slip and height of standing feet, and flights, too
     return found
 
 
@@ -153,6 +155,27 @@ def test_the_roll_rolls_once_within_every_limit(load):
         assert impact.normal.min() > 0
         assert impact.ratio <= 0.6 + 1e-3
     assert solution.iterations <= 60
+
+
+def test_the_flip_turns_once_backwards_and_keeps_its_knees_off_the_ground(load):
+    problem = load("backflip").problem
+    solution = solvers.MSiLQR(problem).solve().raise_if_failed()
+    checked(problem, solution)
+    assert measures.turns(solution.trajectory) == pytest.approx([0, -2 * pi, 0], abs=0.1)
+    assert measures.apex(solution.trajectory) > 0.45
+    for leg in load("backflip").robot.foot_names:
+        knee = models.frames[f"{leg}_KFE"].position
+        heights = ocp.quantity_values(ocp.compile_problem(problem), solution.trajectory, knee)
+        assert min(values[:, 2].min() for values in heights) > 0.03 - 1e-3
+
+
+@pytest.mark.parametrize(("file", "name"), [("barrel_roll", "problem"), ("gaits", "bound")])
+def test_the_policy_follows_the_plan_in_simulation(file, name, load):
+    problem = getattr(load(file), name)
+    made = execute(solvers.MSiLQR(problem).solve().raise_if_failed(), problem, seeds=3)
+    assert made.friction == 0.6
+    assert made.followed == 3, "\n".join(map(str, made.trials))
+    assert made.median_error <= 0.05
 
 
 @pytest.mark.parametrize("name", ["bound", "pronk", "pace", "flying_trot", "trot", "walk"])

@@ -8,7 +8,6 @@ from piaffe.errors import ModelError
 from piaffe.models import Robot, SingleRigidBody, WholeBody, load
 from piaffe.models.integrators import INTEGRATORS, Integrator
 from piaffe.models.robot import to_pinocchio
-from piaffe.ocp import Node
 from tests.robots import ROBOTS
 
 from .test_whole_body import Oracle, random_state, rows_of, solve_contact
@@ -195,12 +194,3 @@ def test_unknown_integrators_are_refused() -> None:
         WholeBody(robot, integrator="rk4")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="rigid body of 'mini_cheetah': unknown integrator - got 'semi_implicit'"):
         SingleRigidBody(robot, integrator="semi_implicit")
-
-
-def test_gamma_follows_the_step_with_midpoint_steps() -> None:
-    body, given = WholeBody(load("solo12")), WholeBody(load("solo12"), baumgarte=7.0)
-    assert [body.gamma(dt) for dt in (0.02, 0.01, 0.001)] == [50.0, 100.0, 100.0]
-    assert given.gamma(0.01) == 7.0
-    assert WholeBody(load("solo12"), integrator="euler").gamma(0.01) == 20.0
-    assert body.node_parameters(Node(0.0, body.resolve("FL"), None, {}, dt=0.02))["gamma"] == 50.0
-    assert "gamma" not in given.node_parameters(Node(0.0, body.resolve("FL"), None, {}, dt=0.02))

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from piaffe import ocp
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.models import Foot, Robot, WholeBody, base, feet, frames, joints, load, stance
 from piaffe.models.integrators import Integrator
@@ -338,3 +339,21 @@ def test_redundant_contacts_are_refused_by_name_unless_damped() -> None:
     assert np.all(np.isfinite(a))
     slip = damped.contact_jacobian(x) @ a
     np.testing.assert_allclose(slip, 0.0, atol=1e-3)
+
+
+def test_the_gain_of_contacts_is_one_over_the_time_step_unless_given() -> None:
+    robot = load("mini_cheetah")
+    node = Node(0.0, stance("FL HR"), None, {}, dt=0.02)
+    assert WholeBody(robot).node_parameters(node)["gamma"] == pytest.approx(50.0)
+    assert [WholeBody(robot).gamma(dt) for dt in (0.02, 0.01, 0.001)] == [50.0, 100.0, 100.0]
+    assert WholeBody(robot, integrator="euler").gamma(0.01) == 20.0
+    assert WholeBody(robot, baumgarte=7.0).gamma(0.01) == 7.0
+    assert "gamma" not in WholeBody(robot, integrator="euler").node_parameters(node)
+    assert "gamma" not in WholeBody(robot, baumgarte=20.0).node_parameters(node)
+    assert "gamma" not in WholeBody(robot).node_parameters(Node(0.0, stance("FL HR"), None, {}))
+    motion = ocp.Motion(ocp.Phase("stand", stance("FL FR HL HR"), 0.1))
+    body = WholeBody(robot)
+    objective = ocp.Objective(ocp.regularize("joints.torque"))
+    problem = ocp.Problem(motion, body.until_end(dt=0.02), objective, initial=body.state(joints="stand"))
+    (phase,) = ocp.compile_problem(problem).phases
+    np.testing.assert_allclose(phase.p[:, phase.mode.layout.slots["gamma"]], 50.0)

@@ -61,23 +61,51 @@ def solve(
     raise typer.Exit(0 if solution.converged else FAILED)
 
 
-def verify(solution: Saved, file: File, json: Json = False) -> None:
-    """Recompute every defect, equality and inequality without the solver. Exit code 1 if a bound is exceeded."""
+def verify(
+    solution: Saved,
+    file: File,
+    simulated: Annotated[
+        bool, typer.Option("--simulate", help="Also play the feedback policy on MuJoCo, from perturbed starts.")
+    ] = False,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of perturbed starts of the simulation.")] = 10,
+    first_seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
+    friction: Annotated[
+        float | None, typer.Option(help="Friction coefficient of the simulation; by default that of the problem.")
+    ] = None,
+    perturbation: Annotated[
+        float, typer.Option(min=0.0, help="Factor of the perturbations; with 0 the simulation starts as planned.")
+    ] = 1.0,
+    json: Json = False,
+) -> None:
+    """Recompute a solution without the solver; with --simulate, also play it. Exit code 1 if it does not execute.
+
+    Recomputed are defects, equalities, inequalities, slip and height of standing feet, and the parabola of flights.
+    """
     from piaffe.ocp import compile_problem, load_problem
     from piaffe.ocp import verify as recompute
     from piaffe.solvers import Solution  # only to read the file
 
-    from .reports import as_json, print_verification, verification_values
+    from .reports import as_json, print_execution, print_verification, simulation_values, verification_values
 
-    trajectory = Solution.load(solution).trajectory
+    loaded = Solution.load(solution)
     compiled = compile_problem(load_problem(file, quiet=json), checks=False)
-    result = recompute(compiled, trajectory)
-    values = verification_values(compiled, trajectory, result)
+    result = recompute(compiled, loaded.trajectory)
+    values = verification_values(compiled, loaded.trajectory, result)
+    if not json:
+        print_verification(terminal(), result, values)
+    played = True
+    if simulated:
+        from piaffe.simulation import Perturbation, execute
+
+        chosen = range(first_seed, first_seed + seeds)
+        spread = Perturbation().scaled(perturbation)
+        run = execute(loaded, compiled, seeds=chosen, friction=friction, perturbation=spread)
+        values["simulation"], played = simulation_values(run), run.holds
+        if not json:
+            print_execution(terminal(), run)
     if json:
         print(as_json(values))
-    else:
-        print_verification(terminal(), result, values)
-    raise typer.Exit(0 if result.holds else FAILED)
+    raise typer.Exit(0 if result.holds and played else FAILED)
 
 
 def check(

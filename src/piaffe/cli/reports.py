@@ -22,9 +22,10 @@ if TYPE_CHECKING:
         Verification,
         Violation,
     )
+    from piaffe.simulation import Execution
     from piaffe.solvers import Solution
 
-KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality")
+KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality", "slip", "height", "flight")
 _LOG_WIDTH = 150
 
 
@@ -122,7 +123,8 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
     worst = result.worst()
     return {
         "verified": result.holds, "max_defect": result.max_defect, "max_equality": result.max_equality,
-        "max_inequality": result.max_inequality, "turns_rad": None if turns is None else turns.tolist(),
+        "max_inequality": result.max_inequality, "max_slip_m": result.max_slip, "max_height_m": result.max_height,
+        "max_flight_m": result.max_flight, "turns_rad": None if turns is None else turns.tolist(),
         "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
         "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
         "duration_s": trajectory.duration, "worst": _violation_values(worst),
@@ -145,7 +147,7 @@ def print_verification(console: Console, result: Verification, values: dict[str,
         if row is not None:
             colour = "green" if row.ratio <= 1 else "red"
             table.add_row(
-                kind, f"[{colour}]{row.amount:.2e}[/]", f"{BOUNDS[kind]:.0e}", row.name, row.phase, str(row.node),
+                kind, f"[{colour}]{row.amount:.2e}[/]", f"{BOUNDS[kind]:.3g}", row.name, row.phase, str(row.node),
                 row.unit, row.source,
             )  # fmt: skip
     console.print(table)
@@ -158,6 +160,43 @@ def print_verification(console: Console, result: Verification, values: dict[str,
     if values["min_foot_z_m"] is not None:
         console.print(f"lowest foot {values['min_foot_z_m']:+.4f} m above the terrain")
     console.print("[bold green]verified[/]" if result.holds else "[bold red]not within the bounds[/]")
+
+
+def simulation_values(execution: Execution) -> dict[str, Any]:
+    """Return the values that ``verify --simulate --json`` prints under ``simulation``."""
+    return {
+        "seeds": len(execution.trials), "followed": execution.followed, "duration_s": execution.duration,
+        "friction": execution.friction, "perturbation": asdict(execution.perturbation),
+        "error_median_m": execution.median_error, "error_worst_m": execution.worst_error,
+        "trials": [
+            {
+                "seed": trial.seed, "followed": trial.followed, "lost_at_s": trial.lost_at,
+                "error_m": trial.position, "error_rad": trial.orientation, "saturated": trial.saturated,
+                "deviations": [
+                    {
+                        "what": each.what, "name": each.name, "time_s": each.time, "phase": each.phase,
+                        "amount": each.amount, "text": str(each),
+                    }
+                    for each in trial.deviations
+                ],
+            }
+            for trial in execution.trials
+        ],
+    }  # fmt: skip
+
+
+def print_execution(console: Console, execution: Execution) -> None:
+    """Print a simulation: how many starts followed, why others were lost, and the most frequent departures."""
+    table = new_table("departure from the plan, largest", "phase", ">seeds", ">at s")
+    for each, count in execution.frequent():
+        table.add_row(str(each), plain(each.phase), f"{count} of {len(execution.trials)}", f"{each.time:.2f}")
+    if table.row_count:
+        console.print(table)
+    for trial in execution.trials:
+        if not trial.followed:
+            console.print(plain(str(trial)), style="red", highlight=False, soft_wrap=True)
+    colour = "green" if execution.holds else "red"
+    console.print(f"[bold {colour}]{plain(str(execution))}[/]", highlight=False, soft_wrap=True)
 
 
 # ---- check

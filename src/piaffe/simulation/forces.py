@@ -1,4 +1,4 @@
-"""Contact forces of MuJoCo."""
+"""Contacts of MuJoCo: forces on the feet, their slip, and what else touches the ground."""
 
 from __future__ import annotations
 
@@ -31,3 +31,41 @@ def foot_forces(model: Any, data: Any, feet: Sequence[int]) -> Array:
                 mujoco.mj_contactForce(model, data, c, wrench)
                 total[feet.index(side)] += sign * contact.frame.reshape(3, 3).T @ wrench[:3]
     return total
+
+
+def foot_slip(model: Any, data: Any, feet: Sequence[int]) -> Array:
+    """Return the speed of each foot's material point of contact along the ground, (nf,) [m/s]; 0 without contact.
+
+    A ball that rolls does not slip. Of several contacts of a foot, the fastest counts.
+
+    Args:
+        model: a ``mujoco.MjModel``.
+        data: its ``mujoco.MjData``, after a step or ``mj_forward``.
+        feet: ids of the feet's geoms.
+    """
+    mujoco = import_mujoco()
+    speeds: Array = np.zeros(len(feet))
+    velocity = np.zeros(6)  # angular, linear, in world axes at the geom's centre
+    for c in range(data.ncon):
+        contact = data.contact[c]
+        for side in (contact.geom1, contact.geom2):
+            if side in feet:
+                mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, side, velocity, 0)
+                at_point = velocity[3:] + np.cross(velocity[:3], contact.pos - data.geom_xpos[side])
+                normal = contact.frame[:3]
+                along = float(np.linalg.norm(at_point - normal * (normal @ at_point)))
+                i = feet.index(side)
+                speeds[i] = max(speeds[i], along)
+    return speeds
+
+
+def others_in_contact(model: Any, data: Any, feet: Sequence[int]) -> tuple[str, ...]:
+    """Return the names of the robot's geoms that touch the ground and are no feet.
+
+    Args:
+        model: a ``mujoco.MjModel``.
+        data: its ``mujoco.MjData``, after a step or ``mj_forward``.
+        feet: ids of the feet's geoms.
+    """
+    touching = {int(side) for c in range(data.ncon) for side in (data.contact[c].geom1, data.contact[c].geom2)}
+    return tuple(model.geom(side).name for side in sorted(touching) if side not in feet and model.geom_bodyid[side] > 0)

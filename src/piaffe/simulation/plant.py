@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from piaffe.models import Mujoco, import_mujoco
 
-from .forces import foot_forces
+from .forces import foot_forces, foot_slip, others_in_contact
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,14 @@ class Plant:
         if self._steps == 0:
             self._mujoco.mj_forward(self._compiled, self._data)
         return foot_forces(self._compiled, self._data, self._feet)
+
+    def foot_slip(self) -> Array:
+        """Return how far each foot slipped along the ground in the last step, (nf,) [m]; 0 for feet in the air."""
+        return foot_slip(self._compiled, self._data, self._feet) * float(self._compiled.opt.timestep)
+
+    def others_in_contact(self) -> tuple[str, ...]:
+        """Return the names of the parts that touched the ground in the last step and are no feet."""
+        return others_in_contact(self._compiled, self._data, self._feet)
 
     def settle(self) -> None:
         """Clear the warm start of the contact solver, as at the start of a controller's roll-outs."""

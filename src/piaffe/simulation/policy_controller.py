@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError
 from piaffe.models import Mujoco, base, joints
+from piaffe.ocp import Policy
 
 from .controller import Judgement
-from .policy import Policy
 
 Array = NDArray[np.float64]
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from piaffe.models import Mujoco, Robot, SoftContact, torques
+from piaffe.models import Mujoco, Robot, SoftContact, terrain, torques
+from piaffe.ocp import Policy
 
 from .plant import Plant
-from .policy import Policy
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,10 @@ class PolicyRun:
         planned: states of the plan (T, nx).
         phases: index of the plan's phase, (T,).
         forces: forces on the feet in world axes (T, nf, 3) [N], in the step before each state.
+        slips: how far each foot slipped on the ground (T, nf) [m], in the step before each state.
+        touching: names of the parts that are no feet and touch the ground, per step; empty if none does.
         position: position error of the base (T,) [m]. orientation: its orientation error (T,) [rad].
+        full: whether each torque was at its limit, (T, nu).
         lost_at: time at which the plan was lost [s]; None if it was followed to its end.
         duration: duration of the plan [s].
         saturated: fraction of the steps at which a torque was at its limit.
@@ -41,8 +45,11 @@ class PolicyRun:
     planned: Array
     phases: NDArray[np.int_]
     forces: Array
+    slips: Array
+    touching: tuple[tuple[str, ...], ...]
     position: Array
     orientation: Array
+    full: NDArray[np.bool_]
     lost_at: float | None
     duration: float
     saturated: float
@@ -59,52 +66,96 @@ class PolicyRun:
         )
 
 
-def torque_plant(robot: Robot, *, timestep: float = 1e-3, friction: float = 0.6) -> Mujoco:
+def torque_plant(
+    robot: Robot, *, timestep: float = 1e-3, friction: float = 0.6, ground: terrain.Terrain | None = None
+) -> Mujoco:
     """Return a robot with torques as controls and with stiffer contacts than MuJoCo's default.
+
+    Feet, base and knees collide with the ground. The friction cone is elliptic: a force along the ground is at most the
+    friction coefficient times the normal force, in every direction.
 
     Args:
         robot: the robot.
         timestep: time step of the simulator [s].
-        friction: sliding friction coefficient of the feet.
+        friction: sliding friction coefficient of the robot's surface.
+        ground: the ground; level at z = 0 by default.
     """
     contact = SoftContact(
         solref=(max(4 * timestep, 2e-3), 1.0), solimp=(0.95, 0.99, 0.001, 0.5, 2.0), stick=10.0, solver="newton",
         iterations=100, line_search=50,
     )  # fmt: skip
     limit = np.where(np.isfinite(robot.torque_limit), robot.torque_limit, _UNLIMITED)
-    return Mujoco(robot, timestep=timestep, action=torques(half_range=limit), contact=contact, friction=friction)
+    return Mujoco(
+        robot, timestep=timestep, action=torques(half_range=limit), contact=contact, friction=friction,
+        terrain=ground, body_collisions=True,
+    )  # fmt: skip
 
 
-def run_policy(policy: Policy, plant: Mujoco) -> PolicyRun:
-    """Simulate a policy from the plan's first state to the plan's end, or until the plan is lost.
+def run_policy(policy: Policy, plant: Mujoco, initial: ArrayLike | None = None) -> PolicyRun:
+    """Simulate a policy from the plan's start to the plan's end, or until the plan is lost.
 
     The control is computed at every step of the simulator.
 
     Args:
         policy: the policy.
         plant: the robot with torques as controls, as :func:`torque_plant` returns it.
+        initial: first state of the plant (nx,); by default the plan's.
     """
-    simulated, limits = Plant(plant, policy.initial), plant.robot.torque_limit
-    times, states, planned, phases, forces, errors = [], [], [], [], [], []
-    lost, full = None, 0
-    for step in range(round((policy.end - policy.start) / plant.timestep) + 1):
-        t, x = policy.start + step * plant.timestep, simulated.state
-        plan = policy.planned(t)
-        deviation = plan.part.state.np_minus(x, plan.state)
+    return play(sampled(policy, plant.timestep), plant, policy.initial if initial is None else initial)
+
+
+class Steps(NamedTuple):
+    """A policy at the steps of a simulator: u = ū + K (x ⊖ x̄), with T steps.
+
+    Attributes:
+        policy: the policy.
+        times: (T,) [s].
+        phases: index of the phase, (T,). stages: index of the stage in the phase, (T,).
+        states: x̄ (T, nx).
+    """
+
+    policy: Policy
+    times: Array
+    phases: NDArray[np.int_]
+    stages: NDArray[np.int_]
+    states: Array
+
+
+def sampled(policy: Policy, timestep: float) -> Steps:
+    """Return a policy at the steps of a simulator [s]; several runs of it share this work."""
+    count = round((policy.end - policy.start) / timestep) + 1
+    times = np.array([policy.start + timestep * i for i in range(count)])
+    plans = [policy.planned(float(t)) for t in times]
+    return Steps(
+        policy, times, np.array([plan.phase for plan in plans]), np.array([plan.stage for plan in plans]),
+        np.array([plan.state for plan in plans]),
+    )  # fmt: skip
+
+
+def play(steps: Steps, plant: Mujoco, initial: ArrayLike) -> PolicyRun:
+    """Simulate a sampled policy from a state (nx,), see :func:`run_policy`."""
+    policy, limits = steps.policy, plant.robot.torque_limit
+    simulated = Plant(plant, np.array(initial, dtype=float))
+    states, forces, slips, touching, errors, full = [], [], [], [], [], []
+    lost = None
+    for t, phase, stage, planned in zip(steps.times, steps.phases, steps.stages, steps.states, strict=True):
+        part, x = policy.trajectory.phases[phase], simulated.state
+        deviation = part.state.np_minus(x, planned)
         errors.append((float(np.linalg.norm(deviation[:3])), float(np.linalg.norm(deviation[3:6]))))
-        times.append(t)
         states.append(x)
-        planned.append(plan.state)
-        phases.append(plan.phase)
         forces.append(simulated.foot_forces())
+        slips.append(simulated.foot_slip())
+        touching.append(simulated.others_in_contact())
+        u = part.controls[stage] + policy.feedback[phase][stage] @ deviation
+        full.append(np.abs(u) >= limits)
         if simulated.failed or errors[-1][0] > LOST_M or errors[-1][1] > LOST_RAD:
-            lost = t
+            lost = float(t)
             break
-        u = policy.control(x, t)
-        full += bool(np.any(np.abs(u) >= limits))
         simulated.step(u)
-    table = np.array(errors)
+    table, n = np.array(errors), len(errors)
     return PolicyRun(
-        np.array(times), np.array(states), np.array(planned), np.array(phases), np.array(forces), table[:, 0],
-        table[:, 1], lost, policy.end - policy.start, full / len(errors),
+        times=steps.times[:n], states=np.array(states), planned=steps.states[:n], phases=steps.phases[:n],
+        forces=np.array(forces), slips=np.array(slips), touching=tuple(touching), position=table[:, 0],
+        orientation=table[:, 1], full=np.array(full), lost_at=lost, duration=policy.end - policy.start,
+        saturated=float(np.mean(np.any(full, axis=1))),
     )  # fmt: skip

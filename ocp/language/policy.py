@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError, ShapeError
-from piaffe.ocp import PhaseTrajectory, Trajectory
 
 from .interpolation import interpolate, node_before, phase_index
+from .trajectory import PhaseTrajectory, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -56,13 +56,13 @@ class Planned(NamedTuple):
 
 
 class Policy:
-    """A plan with feedback gains: u = ū + K (x ⊖ x̄).
+    """A plan with feedback gains, u = ū + K (x ⊖ x̄): ``policy(x, t)`` is the control of a state at a time.
 
-    x̄ is interpolated between the nodes; ū and K are constant in a stage. After the plan's end, those of the last stage
-    apply.
+    x̄ is interpolated between the nodes; ū and K are constant in a stage. On a boundary, the later phase applies. Before
+    the plan's start, the first stage and the first state apply, and after its end the last ones.
 
     Args:
-        trajectory: the plan; its phases have states of one size.
+        trajectory: the plan; if its phases are of several models, x is a state of the model at time t.
         feedback: K of each phase, (N, nu, ndx).
 
     Raises:
@@ -125,20 +125,36 @@ class Policy:
         part = self.trajectory.phases[i]
         return Planned(i, part, node_before(part, t)[0], interpolate(part, part.states, t))
 
-    def off(self, x: Array, t: float) -> Array:
+    def off(self, x: ArrayLike, t: float) -> Array:
         """Return the deviation of a state from the plan at time t [s], x ⊖ x̄, (ndx,)."""
         planned = self.planned(t)
-        return planned.part.state.np_minus(x, planned.state)
+        return planned.part.state.np_minus(self._checked(x, planned), planned.state)
 
-    def control(self, x: Array, t: float) -> Array:
+    def __call__(self, x: ArrayLike, t: float) -> Array:
         """Return u = ū + K (x ⊖ x̄), (nu,).
 
         Args:
             x: state (nx,).
             t: time [s].
+
+        Raises:
+            ShapeError: the state has another size than the plan's at this time.
         """
         planned = self.planned(t)
-        u = planned.part.controls[planned.stage]
-        return np.asarray(
-            u + self.feedback[planned.phase][planned.stage] @ planned.part.state.np_minus(x, planned.state)
-        )
+        deviation = planned.part.state.np_minus(self._checked(x, planned), planned.state)
+        control: Array = planned.part.controls[planned.stage] + self.feedback[planned.phase][planned.stage] @ deviation
+        return control
+
+    def control(self, x: ArrayLike, t: float) -> Array:
+        """Return the same as ``policy(x, t)``, (nu,)."""
+        return self(x, t)
+
+    def _checked(self, x: ArrayLike, planned: Planned) -> Array:
+        """Return a state as an array; raise ShapeError if it does not fit the plan."""
+        state: Array = np.asarray(x, dtype=float)
+        if state.shape != planned.state.shape:
+            raise ShapeError(
+                f"policy, phase '{planned.part.name}': state has the wrong size - got shape {state.shape}, expected "
+                f"{planned.state.shape}; give a state of model '{planned.part.model}'"
+            )
+        return state

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import SAME_TIME, PhaseTrajectory, Trajectory
+from .time import SAME_TIME
+from .trajectory import PhaseTrajectory, Trajectory
 
 Array = NDArray[np.float64]
 
