@@ -22,7 +22,7 @@ from .tree import Inertials, Point, Tree
 Array = NDArray[np.float64]
 Contacts = str | Stance
 
-_LARGEST_GAMMA = 100.0  # [1/s]: at smaller steps the error of a step is so small that a larger one is of no use
+_LARGEST_GAMMA = 200.0  # [1/s]: at smaller steps the error of a step is so small that a larger one is of no use
 
 
 class NumericWholeBody(LeggedModel):
@@ -62,8 +62,8 @@ class NumericWholeBody(LeggedModel):
         return self.state.np_normalise(self._functions["step"](state, control, z, dt, *p.values()).full().ravel())
 
     def gamma(self, dt: float) -> float:
-        """Return Baumgarte's γ for a time step [s], in 1/s: 1/dt, at most 100, unless the model was given one."""
-        return min(1 / dt, _LARGEST_GAMMA) if self._baumgarte is None else self._baumgarte
+        """Return Baumgarte's γ for a time step [s], in 1/s: 2/dt, at most 200, unless the model was given one."""
+        return min(2 / dt, _LARGEST_GAMMA) if self._baumgarte is None else self._baumgarte
 
     def foot_positions(self, x: ArrayLike) -> Array:
         """Return the world positions of the feet's frames, (nf, 3) [m]."""

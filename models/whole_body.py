@@ -55,8 +55,8 @@ class WholeBody(NumericWholeBody):
 
     Args:
         robot: the robot.
-        baumgarte: γ [1/s]. By default 20, as published; in midpoint steps 1/dt, at most 100: a step then leaves a
-            third of the velocity of a standing foot.
+        baumgarte: γ [1/s]. By default 20, as published; in midpoint steps 2/dt, at most 200: a step then removes
+            the velocity of a standing foot.
         integrator: how a step moves positions; velocities become v⁺ = v + a dt. ``"midpoint"``: ``(q ⊕ ½ v dt) ⊕ ½ v⁺
             dt``, with the dynamics in the middle and squares of velocities as products of v and v⁺; it is of second
             order. ``"euler"``: ``q ⊕ v dt``, as published. ``"semi_implicit"``: ``q ⊕ v⁺ dt``; standing feet drift as

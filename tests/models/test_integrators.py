@@ -51,11 +51,11 @@ def midpoint_acceleration(robot: Robot, x: np.ndarray, u: np.ndarray, rows: np.n
     x = np.concatenate([p, quaternion, q, v])
     still, a = Oracle(robot, np.concatenate([p, quaternion, q, 0 * v])), np.zeros(len(v))
     J = still.J[rows]
-    K = np.block([[still.M, -J.T], [1.5 * J, np.zeros((len(rows), len(rows)))]])
+    K = np.block([[still.M, -J.T], [2 * J, np.zeros((len(rows), len(rows)))]])
     for _ in range(40):  # contracts, because dt is small
         (n, drift), (m, slip) = (squares_at(robot, x, each) for each in (v + a * dt / 2, a * dt / 2))
         force = np.r_[np.zeros(6), u] - still.n - n + m
-        constraint = slip[rows] - drift[rows] - J @ v / dt  # γ = 1/dt; its part of a is in K
+        constraint = slip[rows] - drift[rows] - 2 * J @ v / dt  # γ = 2/dt; its part of a is in K
         a = np.linalg.solve(K, np.concatenate([force, constraint]))[: len(v)]
     return a
 

@@ -341,11 +341,11 @@ def test_redundant_contacts_are_refused_by_name_unless_damped() -> None:
     np.testing.assert_allclose(slip, 0.0, atol=1e-3)
 
 
-def test_the_gain_of_contacts_is_one_over_the_time_step_unless_given() -> None:
+def test_the_gain_of_contacts_follows_the_time_step_unless_given() -> None:
     robot = load("mini_cheetah")
     node = Node(0.0, stance("FL HR"), None, {}, dt=0.02)
-    assert WholeBody(robot).node_parameters(node)["gamma"] == pytest.approx(50.0)
-    assert [WholeBody(robot).gamma(dt) for dt in (0.02, 0.01, 0.001)] == [50.0, 100.0, 100.0]
+    assert WholeBody(robot).node_parameters(node)["gamma"] == pytest.approx(100.0)
+    assert [WholeBody(robot).gamma(dt) for dt in (0.02, 0.01, 0.001)] == [100.0, 200.0, 200.0]
     assert WholeBody(robot, integrator="euler").gamma(0.01) == 20.0
     assert WholeBody(robot, baumgarte=7.0).gamma(0.01) == 7.0
     assert "gamma" not in WholeBody(robot, integrator="euler").node_parameters(node)
@@ -356,4 +356,4 @@ def test_the_gain_of_contacts_is_one_over_the_time_step_unless_given() -> None:
     objective = ocp.Objective(ocp.regularize("joints.torque"))
     problem = ocp.Problem(motion, body.until_end(dt=0.02), objective, initial=body.state(joints="stand"))
     (phase,) = ocp.compile_problem(problem).phases
-    np.testing.assert_allclose(phase.p[:, phase.mode.layout.slots["gamma"]], 50.0)
+    np.testing.assert_allclose(phase.p[:, phase.mode.layout.slots["gamma"]], 100.0)
