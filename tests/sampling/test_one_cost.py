@@ -81,9 +81,10 @@ def points_of(mode, phases):
         "p": p, "weight": weight, "g_mask": g_mask, "h_mask": h_mask,
     }  # fmt: skip
     end = phases[random.integers(len(phases))]
-    terminal = {
-        "states": x, "p": end.p_end, "weight": end.end_weight, "g_mask": end.end_g_mask, "h_mask": end.end_h_mask,
-    }  # fmt: skip
+    numbers = {"weight": end.end_weight, "g_mask": end.end_g_mask, "h_mask": end.end_h_mask}
+    kinds = ("residual", "g", "h")  # the rows of the mode come first, those of the reset after them
+    own = {key: numbers[key][: len(mode.rows[f"terminal_{kind}"])] for key, kind in zip(numbers, kinds, strict=True)}
+    terminal = {"states": x, "p": end.p_end, **own}
     return Points(mode, stage, terminal)
 
 
