@@ -80,6 +80,19 @@ def test_no_foot_pulls() -> None:
     np.testing.assert_array_equal(pulled[:2], 0.0)
 
 
+def test_the_foot_that_pulls_most_is_taken_out_first() -> None:
+    places = np.array([[0.1, -0.1, -0.3], [-0.2, 0.1, -0.3], [0.3, -0.3, -0.3], [-0.2, 0.3, -0.3]])
+    maps = np.concatenate([np.tile(np.eye(3), 4), np.zeros((3, 12))])
+    for axis, unit in enumerate(np.eye(3)):
+        maps[3:, axis::3] = np.cross(places, unit).T
+    wrench = np.array([0.0, 0.0, 90.0, -10.0, 20.0, 0.0])
+    with_all = (np.linalg.pinv(maps, rcond=1e-9) @ wrench)[2::3]
+    assert with_all[3] < with_all[2] < 0  # two feet would pull; without the last one, the other pushes
+    vertical = holding_forces(maps[None], np.ones((1, 4)), wrench[None])[0, 2::3]
+    assert vertical[2] > 10
+    assert vertical[3] == 0
+
+
 def test_torques_are_zero_in_flight() -> None:
     body = WholeBody(load("solo12"))
     states, contact = postures(body, 3), np.array([[1.0] * 4, [0.0] * 4, [1.0] * 4])

@@ -12,12 +12,12 @@ PLAN = np.repeat([True, False, True], 100)  # stand, fly and land for 0.1 s each
 
 
 def found(
-    on: np.ndarray, *, slips: np.ndarray | None = None, **changes: object
+    on: np.ndarray, *, plan: np.ndarray = PLAN, slips: np.ndarray | None = None, **changes: object
 ) -> list[tuple[str, str, float, str, float]]:
     """Return the deviations of a run in which foot A is loaded where ``on`` is true, and foot B as planned."""
     n = len(on)
     forces = np.zeros((n, 2, 3))
-    forces[:, 0, 2], forces[:, 1, 2] = np.where(on, 20.0, 0.5), np.where(PLAN[:n], 20.0, 0.0)
+    forces[:, 0, 2], forces[:, 1, 2] = np.where(on, 20.0, 0.5), np.where(plan[:n], 20.0, 0.0)
     values: dict[str, object] = {
         "times": 1.0 + 1e-3 * np.arange(n), "states": np.zeros((n, 1)), "planned": np.zeros((n, 1)),
         "phases": np.repeat([0, 1, 2], 100)[:n], "forces": forces,
@@ -26,7 +26,7 @@ def found(
         "saturated": 0.0, **changes,
     }  # fmt: skip
     run = PolicyRun(**values)  # type: ignore[arg-type]
-    made = deviations(run, np.column_stack([PLAN, PLAN])[:n], PHASES, FEET, JOINTS, 1.0)
+    made = deviations(run, np.column_stack([plan, plan])[:n], PHASES, FEET, JOINTS, 1.0)
     return [(d.what, d.name, round(d.time, 6), d.phase, round(d.amount, 6)) for d in made]
 
 
@@ -50,6 +50,7 @@ def test_a_run_as_planned_has_none() -> None:
         ((200, 300), ("absent", "A", 1.2, "land", 0.100)),
         ((230, 245), ("lifted", "A", 1.23, "land", 0.015)),
         ((40, 60), ("lifted", "A", 1.04, "stand", 0.020)),
+        ((0, 15), ("lifted", "A", 1.0, "stand", 0.015)),  # no touchdown is planned there, so none is late
         ((80, 100), ("lifted", "A", 1.08, "stand", 0.020)),
         ((100, 125), ("stuck", "A", 1.1, "fly", 0.025)),
     ],
@@ -64,6 +65,16 @@ def test_differences_below_ten_milliseconds_are_not_reported() -> None:
 
 def test_a_touch_in_the_middle_of_a_swing_counts_to_the_planned_touchdown() -> None:
     assert found(flipped((140, 150))) == [("early", "A", 1.14, "fly", 0.06)]
+
+
+def test_of_several_losses_of_contact_in_a_stance_the_longest_is_told() -> None:
+    assert found(flipped((220, 232), (250, 275))) == [("lifted", "A", 1.25, "land", 0.025)]
+
+
+def test_a_foot_that_should_begin_in_the_air_lifts_off_from_nowhere() -> None:
+    on = ~PLAN
+    on[:30] = True  # on the ground at the start, where the plan has no liftoff
+    assert found(on, plan=~PLAN) == []
 
 
 def test_slips_add_up_over_a_stance_and_only_under_load() -> None:

@@ -13,10 +13,12 @@ from piaffe import models, ocp
 from piaffe.errors import ModelError, ProblemError
 from piaffe.models import stance
 from piaffe.simulation import (
+    Deviation,
     Execution,
     Perturbation,
     Plant,
     Policy,
+    Trial,
     declared_friction,
     execute,
     run_policy,
@@ -76,6 +78,20 @@ def test_friction_is_the_declared_one_also_after_a_change() -> None:
     assert declared_friction(problem(None)) == 0.6
     assert declared_friction(problem(0.35).with_parameters({"friction cone.mu": 0.2})) == 0.2
     assert execute(Bow(), problem(), seeds=1, friction=0.9).friction == 0.9
+
+
+def test_of_several_friction_cones_the_smallest_coefficient_counts() -> None:
+    limits = ocp.Constraints(*map(models.friction_cone, (0.7, 0.35, 0.5)))
+    motion, objective = ocp.Motion(ocp.Phase("bend", ALL, 0.1)), ocp.Objective(ocp.regularize("joints.torque"))
+    declared = ocp.Problem(motion, BODY.until_end(0.02), objective, limits, initial=BODY.state(joints="stand"))
+    assert declared_friction(ocp.compile_problem(declared)) == 0.35
+
+
+def test_deviations_that_most_trials_have_come_first() -> None:
+    slips = [Deviation("slipped", foot, 0.1, "turn", 0.03) for foot in ("FL", "FR")]
+    trials = tuple(Trial(i, None, 0.0, 0.0, 0.0, tuple(slips[: 1 + (i == 2)])) for i in range(3))
+    made = Execution(trials, 0.2, 0.7, Perturbation())
+    assert [(each.name, count) for each, count in made.frequent()] == [("FL", 3), ("FR", 1)]
 
 
 def leaning() -> Bow:
