@@ -84,6 +84,18 @@ def test_impact_with_held_feet_matches_impulse_dynamics_of_pinocchio(body: Whole
         np.testing.assert_allclose(after, expected, atol=1e-9 * max(1.0, np.abs(expected).max()))
 
 
+def test_damped_contacts_yield_in_proportion_to_their_impulse() -> None:
+    d, feet = 0.5, "FL FR"
+    body = WholeBody(load("solo12"), contact_damping=d)
+    x = moving(body, 3)
+    rows = np.repeat(body.flags(feet), 3) > 0
+    v, M, J = x[body.nq :], body.mass_matrix(x), body.contact_jacobian(x)[rows]
+    impulse = -np.linalg.solve(J @ np.linalg.solve(M, J.T) + d * np.eye(6), J @ v)
+    after = body.impact(x, feet)[body.nq :]
+    np.testing.assert_allclose(after, v + np.linalg.solve(M, J.T @ impulse), atol=1e-9)
+    assert np.linalg.norm(J @ after) > 1e-2
+
+
 def test_held_and_landing_feet_rest_after_an_impact(body: WholeBody) -> None:
     one, _ = diagonals(body)
     names = body.robot.foot_names

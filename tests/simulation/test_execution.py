@@ -128,6 +128,20 @@ def test_a_plan_that_falls_is_lost_and_says_why() -> None:
     assert str(made.trials[1]).startswith("seed 1: lost at 0.10 s, base off by 0.3")
 
 
+def test_feet_that_are_still_in_the_air_when_they_should_stand_are_absent() -> None:
+    motion = ocp.Motion(ocp.Phase("bend", stance(""), 0.1), ocp.Phase("turn", ALL, 0.1))
+    objective, start = ocp.Objective(ocp.regularize("joints.torque")), BODY.state(joints="stand")
+    start[2] += 0.3  # it falls by 0.2 m in this time
+    falling = Bow(states=np.tile(start, (6, 1)), controls=np.zeros((5, 12)))
+    falling.phases = tuple(type("Gains", (), {"feedback": np.zeros((5, 12, 36))})() for _ in falling.phases)
+    declared = ocp.Problem(motion, BODY.until_end(0.02), objective, initial=start)
+    (trial,) = execute(falling, declared, seeds=1, perturbation=Perturbation().scaled(0)).trials
+    assert trial.followed
+    assert {(each.what, each.name, each.phase) for each in trial.deviations} == {
+        ("absent", foot, "turn") for foot in ROBOT.foot_names
+    }
+
+
 def test_frequent_deviations_are_counted_once_per_trial() -> None:
     made = execute(leaning(), problem(), seeds=3, friction=0.1)
     (first, count), *_ = made.frequent(1)
