@@ -11,7 +11,7 @@ from piaffe.errors import ModelError, ShapeError
 from piaffe.models.mujoco.scene import mujoco_spec, restore_inertias
 from piaffe.ocp import Trajectory
 from piaffe.simulation import Policy, interpolate, phase_index, run_policy, torque_plant
-from tests.simulation.plans import ROBOT, bow
+from tests.simulation.plans import BODY, ROBOT, bow
 
 
 def scene(dt: float, friction: float) -> Any:
@@ -116,6 +116,27 @@ def test_what_is_far_from_the_plan_is_lost() -> None:
     assert len(run.times) == 101
     assert "lost the plan at 0.10 s of 0.20 s; error of the base at most 0.3" in str(run)
     assert "followed the plan to its end, 0.20 s" in str(run_policy(Policy(*bow()), torque_plant(ROBOT)))
+
+
+def test_a_base_that_is_turned_from_the_plan_is_lost() -> None:
+    trajectory, gains = bow()
+    policy, turn = Policy(trajectory, gains), np.zeros(36)
+    for angle, at_once in ((1.1, True), (0.9, False)):
+        turn[5] = angle
+        run = run_policy(policy, torque_plant(ROBOT), BODY.state.np_plus(policy.initial, turn))
+        assert run.orientation[0] == pytest.approx(angle)
+        assert (run.lost_at == 0.0) is at_once
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_torques_at_both_limits_are_full(sign: int) -> None:
+    trajectory, gains = bow()
+    table = np.zeros((5, 12))
+    table[:, 4] = sign * 2 * ROBOT.torque_limit[4]
+    parts = tuple(replace(part, controls=table) for part in trajectory.phases)
+    run = run_policy(Policy(Trajectory(parts), [np.zeros_like(each) for each in gains]), torque_plant(ROBOT))
+    assert run.saturated == 1.0
+    np.testing.assert_array_equal(run.full, np.arange(12) == 4 * np.ones((len(run.times), 1)))
 
 
 def test_only_phases_of_the_plants_states_are_played() -> None:
