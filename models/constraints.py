@@ -128,10 +128,10 @@ def base_height(minimum: float | None = None, *, maximum: float | None = None, s
 def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
     """Keep feet in the air at least ``minimum`` above the terrain [m], touchdown included.
 
-    Feet on the ground are masked, because the contact holds them there. A foot is also masked at the first node
-    after liftoff (with Euler's step at the first two), because its position there depends on the stance phase alone,
-    integration error included. The height of a foot is 0 at liftoff and at touchdown. A positive ``minimum`` is therefore feasible only in phases without
-    liftoff and touchdown; name these phases in ``when``.
+    Feet on the ground are masked, because the contact holds them there. A foot is also masked at the first node after
+    liftoff (with Euler's step at the first two), because its position there depends on the stance phase alone,
+    integration error included. The height of a foot is 0 at liftoff and at touchdown. A positive ``minimum`` is
+    therefore feasible only in phases without liftoff and touchdown; name these phases in ``when``.
     """
     return inequality(
         _foot_height,

@@ -99,6 +99,48 @@ def test_flight_is_the_distance_from_the_parabola_of_the_first_node() -> None:
     )
 
 
+def thrown(compiled: ocp.CompiledProblem, i: int, start: np.ndarray, v: np.ndarray) -> PhaseTrajectory:
+    """Return phase i as a throw without rotation, from a position and a velocity."""
+    phase = compiled.phases[i]
+    model, t = phase.mode.model, (phase.times - phase.times[0])[:, None]
+    states = np.tile(phase.guess_states[0], (len(t), 1))
+    states[:, model.state.slices[models.base.position]] = start + v * t + 0.5 * G * t**2
+    states[:, model.state.slices[models.base.linear_velocity]] = v + G * t
+    controls = np.zeros((phase.num_stages, phase.mode.nu))
+    return PhaseTrajectory(
+        phase.name, phase.label, model.name, phase.times, states, controls, {}, model.state, model.control
+    )
+
+
+def flights(*phases: ocp.Phase, schedule: ocp.Schedule | None = None) -> ocp.CompiledProblem:
+    objective = ocp.Objective(ocp.regularize("joints.torque"), ocp.regularize("feet.force"))
+    start = BODY.state(joints="stand", linear_velocity=(0.2, 0.0, 1.0))
+    return compile_problem(ocp.Problem(ocp.Motion(*phases), schedule or BODY.until_end(DT), objective, initial=start))
+
+
+def test_every_flight_has_a_parabola_of_its_own() -> None:
+    every = ocp.Phase("stand", stance("FL FR HL HR"), 4 * DT)
+    compiled = flights(ocp.Phase("up", stance(""), 4 * DT), every, ocp.Phase("again", stance(""), 4 * DT))
+    place, up, again = np.array([0.0, 0.0, 0.3]), np.array([0.2, 0.0, 1.0]), np.array([-0.3, 0.1, 0.5])
+    parts = [thrown(compiled, 0, place, up), thrown(compiled, 1, place, 0 * up), thrown(compiled, 2, place, again)]
+    assert verify(compiled, Trajectory(tuple(parts))).max_flight < 1e-12
+
+
+@pytest.mark.parametrize("jump", ["reset", "model", None])
+def test_a_flight_goes_on_over_phases_but_not_over_a_reset_or_another_model(jump: str | None) -> None:
+    lift = ocp.reset(lambda s: {"base.position": s.base.position + 0.05}) if jump == "reset" else None
+    rigid = models.SingleRigidBody(ROBOT, integrator="euler")
+    compiled = flights(
+        ocp.Phase("up", stance(""), 4 * DT, reset=lift), ocp.Phase("on", stance(""), 4 * DT),
+        schedule=BODY.over(4 * DT, dt=DT) + rigid.over(4 * DT, dt=DT) if jump == "model" else None,
+    )  # fmt: skip
+    place, v, t = np.array([0.0, 0.0, 0.3]), np.array([0.2, 0.0, 1.0]), 4 * DT
+    there = place + v * t + 0.5 * G * t**2 + 0.05
+    parts = thrown(compiled, 0, place, v), thrown(compiled, 1, there, v + G * t)
+    found = verify(compiled, Trajectory(parts)).max_flight
+    assert found == pytest.approx(0.0 if jump else 0.05 * 3**0.5, abs=1e-12)
+
+
 def test_a_moved_foot_is_named_with_its_phase_and_node() -> None:
     still = BODY.state(joints="stand")
     parts = [replace(part, states=np.tile(still, (len(part.states), 1))) for part in drifting().phases]
@@ -115,6 +157,20 @@ def test_a_moved_foot_is_named_with_its_phase_and_node() -> None:
     assert (height.name, height.phase, height.node) == ("HR height", "diagonal", 2)
     assert slip.amount > BOUNDS["slip"]
     assert not result.holds
+
+
+@pytest.mark.parametrize(("i", "node", "knee"), [(1, 3, "HR_KFE"), (4, 3, "FR_KFE")])
+def test_the_last_node_of_a_stance_counts(i: int, node: int, knee: str) -> None:
+    still = BODY.state(joints="stand")
+    parts = [replace(part, states=np.tile(still, (len(part.states), 1))) for part in drifting().phases]
+    moved = parts[i].states.copy()
+    moved[node, 7 + ROBOT.joint_names.index(knee)] += 0.05
+    parts[i] = replace(parts[i], states=moved)
+    result = verify(problem(), Trajectory(tuple(parts)))
+    for kind, worst in (("slip", result.worst("slip")), ("height", result.worst("height"))):
+        assert worst is not None
+        assert (worst.name, worst.phase, worst.node) == (f"{knee[:2]} {kind}", PHASES[i][0], node)
+        assert worst.amount > BOUNDS[worst.kind]
 
 
 def test_a_foot_in_the_air_moves_as_it_likes() -> None:
