@@ -188,6 +188,15 @@ def standing(body: ocp.ModelBase, nodes: int, **targets: object) -> ocp.Problem:
     return ocp.Problem(motion, body.until_end(dt=0.01), objective, limits, initial=body.state(joints="stand"))
 
 
+def test_the_guess_follows_contacts_that_change_within_a_phase_of_a_rigid_body() -> None:
+    body = SingleRigidBody(load("mini_cheetah"))
+    motion = ocp.Motion(*(ocp.Phase(names, stance(names), 0.1) for names in ("FL FR HL HR", "FL HR")))
+    objective = ocp.Objective(ocp.regularize(feet.force, weight=1e-3))
+    (phase,) = ocp.compile_problem(ocp.Problem(motion, body.until_end(dt=0.05), objective, initial=body.state())).phases
+    vertical = phase.guess_controls.reshape(4, 4, 3)[:, :, 2] > 1.0
+    np.testing.assert_array_equal(vertical, [[1, 1, 1, 1]] * 2 + [[1, 0, 0, 1]] * 2)
+
+
 def test_standing_still_for_ten_seconds_converges() -> None:
     body = WholeBody(load("mini_cheetah"))
     solution = solvers.MSiLQR(standing(body, 1000)).solve()

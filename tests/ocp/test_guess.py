@@ -1,6 +1,7 @@
 """The initial guess of the controls: of the path, else of the model, else zero."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -62,6 +63,30 @@ def test_controls_of_the_path_replace_the_guess() -> None:
     first, second = controls(lambda nodes, states, p: {FORCE: np.ones((len(nodes), 2))}, pulled, PHASES[1])
     np.testing.assert_allclose(first, [[0, 0], [0, 2], [0, 4]], atol=1e-12)
     np.testing.assert_allclose(second, [[0, 6], [0, 6]], atol=1e-12)
+
+
+def test_a_path_with_some_controls_leaves_the_others_to_the_guess() -> None:
+    twist = ocp.Quantity("twist", "Nm")
+
+    class Two(Rope):
+        def __init__(self) -> None:
+            super().__init__()
+            both = ocp.Manifold((*self.control.blocks, ocp.Block(twist, ("y",))))
+            object.__setattr__(self, "control", both)  # models are frozen
+
+        def dynamics(self, key, x, u, z, p):  # type: ignore[no-untyped-def]
+            made = super().dynamics(key, x, u[:2], z, p)
+            both = made.quantities.extended(ocp.Bound(twist, u[2], ("y",)))
+            return replace(made, quantities=both)
+
+        def control_guess(self, nodes, states, p):  # type: ignore[no-untyped-def]
+            return {FORCE: np.ones((len(nodes), 2)), twist: np.full((len(nodes), 1), 7.0)}
+
+    pulled = ocp.Phase("throw", "slack", 0.06, {"force": (0.0, 6.0)})
+    objective = rope().objective + ocp.Objective(ocp.regularize("twist"))
+    problem = ocp.Problem(ocp.Motion(pulled), Two().until_end(dt=0.02), objective, initial=[0.2, 0.1, 1.2, 0.0])
+    (phase,) = ocp.compile_problem(problem).phases
+    np.testing.assert_allclose(phase.guess_controls, [[0, 0, 7], [0, 2, 7], [0, 4, 7]], atol=1e-12)
 
 
 def test_a_path_with_all_controls_needs_no_guess() -> None:

@@ -16,7 +16,7 @@ BACKENDS = ("numpy", "native")
 AXES = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]  # no axis is one of the state's
 
 
-def drifting(rate: float) -> ocp.Problem:
+def drifting(rate: float, *phases: ocp.Phase) -> ocp.Problem:
     """Return a problem in which one direction grows at a rate [1/s] in its middle phase, and no control moves it."""
     growth = ocp.parameter("growth", rate)
     along, rest = cs.DM(np.outer(AXES[:, 0], AXES[:, 0])), cs.DM(np.outer(AXES[:, 1], AXES[:, 2]))
@@ -26,9 +26,9 @@ def drifting(rate: float) -> ocp.Problem:
 
     modes = {"rest": lambda s: drift(s, 0.0), "climb": lambda s: drift(s, growth)}
     model = ocp.Model("slope", state={"place": 3}, control={"push": 1}, modes=modes)
-    phases = ocp.Phase("wait", "rest", 0.4), ocp.Phase("up", "climb", 5.0), ocp.Phase("stay", "rest", 0.4)
+    usual = ocp.Phase("wait", "rest", 0.4), ocp.Phase("up", "climb", 5.0), ocp.Phase("stay", "rest", 0.4)
     objective = ocp.Objective(ocp.track("place"), ocp.regularize("push", 0.1))
-    return ocp.Problem(ocp.Motion(*phases), model.until_end(dt=0.02), objective, initial=0.1 * AXES[:, 1])
+    return ocp.Problem(ocp.Motion(*(phases or usual)), model.until_end(dt=0.02), objective, initial=0.1 * AXES[:, 1])
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -58,6 +58,29 @@ def test_instances_of_a_batch_that_grow_say_so(backend: Backend) -> None:
     assert batch.status == (Status.CONVERGED, Status.UNSTABLE)
     assert batch.faults[0] == ""
     assert "- instance 1: In phase 'up' (climb) the value function grows from" in batch.explain()
+
+
+def cause_at_the_start(problem: ocp.Problem) -> tuple[Status, str]:
+    """Return the cause if the line search had failed at the first iterate."""
+    compiled = ocp.compile_problem(problem)
+    functions, outer = ProblemFunctions(compiled), Outer(compiled, Options())
+    return with_cause(Status.LINE_SEARCH_FAILED, functions, first_iterate(compiled, None), outer, None)
+
+
+def test_growth_adds_up_over_phases() -> None:
+    climbs = [ocp.Phase(f"up {i}", "climb", 0.8) for i in range(4)]
+    assert cause_at_the_start(drifting(8.0, climbs[0])) == (Status.LINE_SEARCH_FAILED, "")  # e^12.8 is within bounds
+    status, sentence = cause_at_the_start(drifting(8.0, *climbs))
+    assert status is Status.UNSTABLE
+    assert "In phase 'up " in sentence
+
+
+def test_growth_that_a_reset_ends_is_still_told() -> None:
+    back = ocp.reset(lambda s: {"place": cs.DM(0.1 * AXES[:, 1])})  # what comes before has no effect on what follows
+    phases = ocp.Phase("wait", "rest", 0.4, reset=back), ocp.Phase("up", "climb", 1.8)
+    status, sentence = cause_at_the_start(drifting(8.0, *phases))
+    assert status is Status.UNSTABLE
+    assert "In phase 'up' (climb) the value function grows from " in sentence
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

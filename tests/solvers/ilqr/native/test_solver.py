@@ -196,7 +196,28 @@ def test_solution_and_duals_are_those_of_numpy(name: str) -> None:
 @pytest.mark.parametrize("limit", [1, 3, 200])
 @pytest.mark.parametrize("name", ALL)
 def test_policy_and_expansions_are_those_of_numpy_at_the_same_iterate(name: str, limit: int) -> None:
-    by_c = MSiLQR(compiled(name), Options(max_iterations=limit))
+    assert_same_policy(compiled(name), limit)
+
+
+@pytest.mark.parametrize("limit", [1, 2])
+def test_policy_and_step_of_a_body_that_turns_fast_in_midpoint_steps_is_that_of_numpy(limit: int) -> None:
+    body, every = models.SingleRigidBody(models.load("mini_cheetah")), stance("FL FR HL HR")
+    objective = ocp.Objective(
+        ocp.track(base.position, weight=5.0), ocp.track(base.orientation, weight=(3.0, 1.0, 2.0)),
+        ocp.regularize(base.angular_velocity, weight=0.1), ocp.regularize(feet.force, weight=1e-3),
+    )  # fmt: skip
+    motion = ocp.Motion(ocp.Phase("push", every, 0.2), ocp.Phase("fly", stance(""), 0.2))
+    start = body.state(rpy=(0.3, -0.4, 0.5), linear_velocity=(0.3, 0.2, 1.0), angular_velocity=(6.0, -5.0, 8.0))
+    problem = compile_problem(ocp.Problem(motion, body.until_end(dt=0.05), objective, initial=start))
+    assert_same_policy(problem, limit)
+    a, b = (MSiLQR(problem, Options(max_iterations=limit), backend=backend).solve() for backend in ("native", "numpy"))
+    assert_same_history(a, b)
+    assert_same_result(a, b)
+
+
+def assert_same_policy(problem: CompiledProblem, limit: int) -> None:
+    """Compare the last sweep of the compiled solver with that of NumPy at the same iterate."""
+    by_c = MSiLQR(problem, Options(max_iterations=limit))
     assert by_c.memory is not None
     run = Run(by_c.functions, by_c.options, by_c.start(None), by_c.flags(True), None)
     status = run_native(by_c.memory, run, None, None)
