@@ -96,6 +96,17 @@ def test_damped_contacts_yield_in_proportion_to_their_impulse() -> None:
     assert np.linalg.norm(J @ after) > 1e-2
 
 
+def test_rotors_take_part_in_an_impact() -> None:
+    body, feet = WholeBody(load("solo12")), "FL FR"
+    x, inertia = moving(body, 4), np.linspace(0.01, 0.05, 12)
+    rows = np.repeat(body.flags(feet), 3) > 0
+    M = body.mass_matrix(x, armature=np.zeros(12)) + np.diag(np.r_[np.zeros(6), inertia])
+    J, v = body.contact_jacobian(x)[rows], x[body.nq :]
+    impulse = -np.linalg.solve(J @ np.linalg.solve(M, J.T), J @ v)
+    after = body.impact(x, feet, armature=inertia)[body.nq :]
+    np.testing.assert_allclose(after, v + np.linalg.solve(M, J.T @ impulse), atol=1e-9)
+
+
 def test_held_and_landing_feet_rest_after_an_impact(body: WholeBody) -> None:
     one, _ = diagonals(body)
     names = body.robot.foot_names

@@ -5,9 +5,10 @@ import pinocchio as pin
 import pytest
 
 from piaffe.errors import ModelError
-from piaffe.models import Robot, SingleRigidBody, WholeBody, load
+from piaffe.models import Robot, SingleRigidBody, WholeBody, load, stance
 from piaffe.models.integrators import INTEGRATORS, Integrator
 from piaffe.models.robot import to_pinocchio
+from piaffe.ocp import Node
 from tests.robots import ROBOTS
 
 from .test_whole_body import Oracle, random_state, rows_of, solve_contact
@@ -194,3 +195,11 @@ def test_unknown_integrators_are_refused() -> None:
         WholeBody(robot, integrator="rk4")  # type: ignore[arg-type]
     with pytest.raises(ModelError, match="rigid body of 'mini_cheetah': unknown integrator - got 'semi_implicit'"):
         SingleRigidBody(robot, integrator="semi_implicit")
+
+
+@pytest.mark.parametrize(("integrator", "count"), [("euler", 2), ("semi_implicit", 1), ("midpoint", 1)])
+def test_a_foot_depends_on_its_stance_for_as_many_nodes_as_the_step_says(integrator: Integrator, count: int) -> None:
+    body, flight = WholeBody(load("solo12"), integrator=integrator), stance("")
+    nodes = [Node(0.0, flight, None, {}, previous_mode=stance("FL HR"), steps=k) for k in range(4)]
+    flags = [body.node_parameters(node)["lifting"].tolist() for node in nodes]
+    assert flags == [[1, 0, 0, 1]] * count + [[0, 0, 0, 0]] * (4 - count)

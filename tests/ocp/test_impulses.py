@@ -316,6 +316,16 @@ def test_rows_of_ones_own_on_impulses_are_verified_where_feet_land_and_nowhere_e
     assert {each.phase for each in own} == {"flight", "half"}
 
 
+def test_other_quantities_at_an_impact_are_those_of_the_state_before_it() -> None:
+    work = ocp.residual(lambda s: s.feet.velocity["z"] * s.feet.impulse["z"]).weighted(1.0, at="phase_end")
+    compiled = compile_problem(problem(work))
+    x = state_at(compiled, 1)
+    speed = (body().contact_jacobian(x) @ x[body().nq :]).reshape(4, 3)[:, 2]
+    expected = speed * impulses_by_hand(x, "FL HR")[:, 2]
+    np.testing.assert_allclose(rows_at(compiled.phases[1], x)["residual"], expected, rtol=1e-9, atol=1e-12)
+    assert np.abs(expected).max() > 1e-3
+
+
 # ---- errors
 
 
