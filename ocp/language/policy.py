@@ -25,7 +25,7 @@ class PhasePolicy(Protocol):
         ...
 
 
-class Solved(Protocol):
+class SolutionLike(Protocol):
     """A solution of any solver: a trajectory, and gains for each of its phases."""
 
     @property
@@ -85,7 +85,7 @@ class Policy:
         self.trajectory, self.feedback = trajectory, tuple(feedback)
 
     @staticmethod
-    def of(solution: Solved, nx: int) -> Policy:
+    def of(solution: SolutionLike, nx: int) -> Policy:
         """Return the policy of a solution, up to the first phase with states of another size.
 
         Args:

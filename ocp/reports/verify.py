@@ -1,7 +1,7 @@
 """Verification: the violations of a trajectory, recomputed only from its states and controls, node by node.
 
 It uses the compiled functions and NumPy, and no code of a solver: one linear solve for z per node, the discrete step,
-the reset maps, the rows of every equality and inequality, and the promises of models over many steps: feet on the
+the reset maps, the rows of every equality and inequality, and the invariants of models over many steps: feet on the
 ground stay where they are, and in flight the centre of mass follows its parabola.
 """
 
@@ -20,7 +20,7 @@ from piaffe.errors import ProblemError, renamed_members
 
 from ..compiler import CompiledPhase, CompiledProblem, LoweredMode, Row
 from ..language import Quantity, Trajectory
-from .promises import departures
+from .invariants import invariant_violations
 from .violation import Kind, Violation
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Verification:
-    """The violations of the rows of a problem, and of the promises of its models, by a trajectory.
+    """The violations of the rows of a problem, and of the invariants of its models, by a trajectory.
 
     Args:
         violations: the worst node of every named row, also of rows that hold; the worst first within each kind.
@@ -86,7 +86,7 @@ class Verification:
 
 
 def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
-    """Recompute every defect, equality, inequality, and promise of a model, of a trajectory.
+    """Recompute every defect, equality and inequality of a trajectory, and the invariants of its models.
 
     For a model without derivatives only the rows are recomputed, because the simulator makes its steps.
 
@@ -99,7 +99,7 @@ def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
     """
     check_fits(compiled, trajectory)
     worst: dict[tuple[str, str], Violation] = {}
-    for found in chain(_violations(compiled, trajectory), departures(compiled, trajectory)):
+    for found in chain(_violations(compiled, trajectory), invariant_violations(compiled, trajectory)):
         known = worst.get((found.kind, found.name))
         if known is None or found.amount > known.amount:
             worst[found.kind, found.name] = found

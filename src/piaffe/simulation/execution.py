@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
 from piaffe.models import Robot, WholeBody, terrain
-from piaffe.ocp import CompiledPhase, CompiledProblem, Policy, Problem, Solved, check_fits, compile_problem
+from piaffe.ocp import CompiledPhase, CompiledProblem, Policy, Problem, SolutionLike, check_fits, compile_problem
 
 from .deviation import Deviation, deviations
 from .perturbation import Perturbation
@@ -120,7 +120,7 @@ class Execution:
 
 
 def execute(
-    solution: Solved,
+    solution: SolutionLike,
     problem: Problem | CompiledProblem,
     *,
     seeds: int | Iterable[int] = 10,
