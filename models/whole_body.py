@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Impact = Literal["contact", "landing"]
 
 _GAMMA = 20.0  # Baumgarte's γ [1/s], as published
-_ONLY_AT_IMPACTS = 'it exists at the end of a phase whose next one lands feet; declare the term with at="phase_end"'
+_ONLY_AT_IMPACTS = 'it exists for terms with at="phase_end", at the end of a phase whose next one lands feet'
 _OF_STAGES = (feet.force.path, joints.torque.path, joints.acceleration.path)
 
 

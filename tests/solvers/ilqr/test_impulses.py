@@ -211,6 +211,14 @@ def test_the_published_rule_without_limits_keeps_the_earlier_result() -> None:
     np.testing.assert_allclose(base_at_end, [0.04839, 0.13714, 0.17882], atol=2e-4)
 
 
+def test_ratios_of_impulses_tell_pulling_from_none() -> None:
+    given = np.array([[0.3, -0.4, 1.0], [0.1, 0.0, -0.2], [1e-9, 0.0, -1e-8], [np.nan] * 3])
+    np.testing.assert_array_equal(measures.impulse_ratios(given), [0.4, np.inf, np.nan, np.nan])
+    assert measures.Impact("flight", 0.1, given).ratio == np.inf
+    assert measures.Impact("flight", 0.1, given[[0, 2, 3]]).ratio == 0.4
+    assert measures.Impact("flight", 0.1, given[2:]).ratio == 0.0
+
+
 def test_a_reset_without_implicit_variables_has_impulses() -> None:
     solutions = [MSiLQR(bouncer(), backend=backend).solve().raise_if_failed() for backend in ("numpy", "native")]
     for solution in solutions:
