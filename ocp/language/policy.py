@@ -99,8 +99,8 @@ class Policy:
         n = next((i for i, part in enumerate(parts) if part.states.shape[1] != nx), len(parts))
         if n == 0:
             raise ModelError(
-                f"simulation: the solution does not begin with a whole body - got model '{parts[0].model}' with "
-                f"{parts[0].states.shape[1]} states, expected {nx}; film it without --simulate"
+                f"policy: the solution does not begin with such states - got model '{parts[0].model}' with "
+                f"{parts[0].states.shape[1]} states, expected {nx}; give a solution that begins with the plant's model"
             )
         return Policy(Trajectory(parts[:n]), [phase.feedback for phase in solution.phases[:n]])
 

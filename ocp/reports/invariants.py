@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..compiler import CompiledPhase, CompiledProblem, LoweredMode
 from ..language import Invariants, Trajectory
-from .violation import Violation
+from .violation import Violation, finite
 
 Array = NDArray[np.float64]
 
@@ -62,9 +62,9 @@ def _rest(phase: CompiledPhase, nodes: _Nodes, held: dict[str, Array]) -> Iterat
             start = held.setdefault(name, nodes.place[k, j])
             for node in (k, k + 1):
                 slip = float(np.linalg.norm(nodes.place[node, j] - start))
-                yield Violation(f"{name} slip", phase.name, node, _finite(slip), "m", "slip")
+                yield Violation(f"{name} slip", phase.name, node, finite(slip), "m", "slip")
                 yield Violation(
-                    f"{name} height", phase.name, node, _finite(abs(float(nodes.height[node, j]))), "m", "height"
+                    f"{name} height", phase.name, node, finite(abs(float(nodes.height[node, j]))), "m", "height"
                 )
 
 
@@ -80,7 +80,7 @@ def _fall(phase: CompiledPhase, nodes: _Nodes, thrown: dict[str, tuple[float, Ar
             since = float(phase.times[k + 1]) - t
             expected = position + velocity * since + 0.5 * nodes.gravity[k, j] * since**2
             off = float(np.linalg.norm(nodes.position[k + 1, j] - expected))
-            yield Violation(f"{name} off its parabola", phase.name, k + 1, _finite(off), "m", "flight")
+            yield Violation(f"{name} off its parabola", phase.name, k + 1, finite(off), "m", "flight")
 
 
 def _jumps(before: CompiledPhase, phase: CompiledPhase) -> bool:
@@ -121,7 +121,3 @@ def _evaluate(invariants: Invariants, function: cs.Function, states: Array, p: A
         tuple(each.name for each in invariants.contacts), tuple(each.name for each in invariants.ballistic),
         flags, place, height, falls, position, velocity, gravity,
     )  # fmt: skip
-
-
-def _finite(amount: float) -> float:
-    return amount if np.isfinite(amount) else float("inf")
