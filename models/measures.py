@@ -55,7 +55,8 @@ def impulse_ratios(impulses: Array) -> Array:
     there = np.abs(impulses).max(axis=-1) >= _SMALLEST_IMPULSE
     sideways = np.abs(impulses[..., :2]).max(axis=-1)
     ratios[there] = np.inf
-    return np.divide(sideways, normal, out=ratios, where=there & (normal > 0))
+    np.divide(sideways, normal, out=ratios, where=there & (normal > 0))
+    return ratios
 
 
 def impacts(trajectory: Trajectory) -> list[Impact]:
