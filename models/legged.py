@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.ocp import (
+    BallisticPoint,
     Block,
-    Falling,
     Manifold,
     ModelBase,
     Node,
@@ -148,13 +148,13 @@ class LeggedModel(ModelBase):
         """Return whether a foot touches down at this phase end."""
         return bool(self.node_parameters(node).get("landing", np.zeros(1)).any())
 
-    def falling_centre(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> Falling:
+    def ballistic_centre(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> BallisticPoint:
         """Return that the centre of mass falls freely if no foot is on the ground."""
         place, speed = (quantities.bind(each).value for each in (com.position, com.velocity))
         flag = cs.SX(1)
         for i in range(self.num_feet):
             flag *= 1 - p["contact"][i]
-        return Falling("centre of mass", flag, place, speed, p["gravity"])
+        return BallisticPoint("centre of mass", flag, place, speed, p["gravity"])
 
     # ---- files
 

@@ -13,6 +13,8 @@ from .quantities import base, feet
 
 Array = NDArray[np.float64]
 
+_SMALLEST_IMPULSE = 1e-3  # [N s]
+
 
 @dataclass(frozen=True, eq=False)
 class Impact:
@@ -35,14 +37,26 @@ class Impact:
 
     @property
     def ratio(self) -> float:
-        """The largest max(|Λ_x|, |Λ_y|) / Λ_z of a foot; infinite if the ground would have to pull."""
-        sideways, normal = np.abs(self._landing[:, :2]).max(axis=1), self.normal
-        ratios = np.divide(sideways, normal, out=np.full(len(normal), np.inf), where=normal > 0)
-        return float(ratios.max(initial=0.0))
+        """The largest of the feet's :func:`impulse_ratios`; 0 if no foot has an impulse."""
+        return float(np.nanmax(impulse_ratios(self._landing), initial=0.0))
 
     @property
     def _landing(self) -> Array:
         return self.impulses[np.isfinite(self.impulses[:, 0])]
+
+
+def impulse_ratios(impulses: Array) -> Array:
+    """Return max(|Λ_x|, |Λ_y|) / Λ_z of impulses (…, 3), (…); infinite if the ground would have to pull.
+
+    It is NaN for impulses below 1 mN s, of which a solve does not tell the direction, and for feet that do not land.
+    """
+    normal = impulses[..., 2]
+    ratios = np.full(normal.shape, np.nan)
+    there = np.abs(impulses).max(axis=-1) >= _SMALLEST_IMPULSE
+    sideways = np.abs(impulses[..., :2]).max(axis=-1)
+    ratios[there] = np.inf
+    np.divide(sideways, normal, out=ratios, where=there & (normal > 0))
+    return ratios
 
 
 def impacts(trajectory: Trajectory) -> list[Impact]:

@@ -16,9 +16,9 @@ from piaffe.ocp import (
     Block,
     Bound,
     Dynamics,
+    Invariants,
     Manifold,
     Node,
-    Promises,
     Quantities,
     Quantity,
     Sample,
@@ -132,9 +132,9 @@ class SingleRigidBody(LeggedModel):
         split = SplitStep(at, begun(step, x, 6, dt), cs.SX(0, 1), first, lambda w: finished(step, w, 6, dt))
         return split.dynamics(quantities, outputs=(feet.force,))
 
-    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
+    def invariants(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Invariants:
         """Return that the base falls freely if no foot is on the ground; the footholds are given, not integrated."""
-        return Promises(falling=(self.falling_centre(quantities, p),))
+        return Invariants(ballistic=(self.ballistic_centre(quantities, p),))
 
     def step(
         self, x: ArrayLike, u: ArrayLike, feet: str | Stance, footholds: ArrayLike, dt: float, **parameters: Any

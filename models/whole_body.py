@@ -13,13 +13,13 @@ from piaffe.errors import ModelError
 from piaffe.ocp import (
     Block,
     Bound,
+    ContactPoint,
     Dynamics,
+    Invariants,
     Manifold,
     Node,
-    Promises,
     Quantities,
     Reset,
-    Resting,
     SplitStep,
 )
 
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Impact = Literal["contact", "landing"]
 
 _GAMMA = 20.0  # Baumgarte's γ [1/s], as published
-_ONLY_AT_IMPACTS = 'it exists at the end of a phase whose next one lands feet; declare the term with at="phase_end"'
+_ONLY_AT_IMPACTS = 'it exists for terms with at="phase_end", at the end of a phase whose next one lands feet'
 _OF_STAGES = (feet.force.path, joints.torque.path, joints.acceleration.path)
 
 
@@ -234,14 +234,14 @@ class WholeBody(NumericWholeBody):
         height = quantities.bind(feet.height)
         return Bound(height.quantity, height.value, height.labels, mask=p["landing"])
 
-    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
-        """Return that feet on the ground rest, and that the centre of mass falls freely if none is."""
+    def invariants(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Invariants:
+        """Return that feet on the ground do not move, and that the centre of mass falls freely if none is there."""
         place, height = (quantities.bind(each).value for each in (feet.position, feet.height))
-        resting = tuple(
-            Resting(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
+        contacts = tuple(
+            ContactPoint(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
             for i, name in enumerate(self.robot.foot_names)
         )
-        return Promises(resting, (self.falling_centre(quantities, p),))
+        return Invariants(contacts, (self.ballistic_centre(quantities, p),))
 
     def _makers(
         self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]

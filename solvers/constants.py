@@ -21,8 +21,8 @@ RAISES_AFTER_FAILURE = 2
 """How often it is raised after a line search without an accepted step."""
 LONG_STEP = 0.4
 """It is lowered after steps longer than this."""
-SHORT_STEP = 0.1
-"""It is raised after steps shorter than this."""
+SHORT_STEP = 0.01
+"""It is raised after steps shorter than this; after longer ones that still gain, it would only make them shorter."""
 POLICY_REGULARIZATION_FACTOR = 10.0
 """Ratio of the regularisations that are tried for the policy of a result."""
 

@@ -19,7 +19,7 @@ INTERNAL: dict[str, dict[str, str]] = {
     "ocp": {
         "Kind": _TYPE,
         "PlanarFrame": _TYPE,
-        "Solved": _TYPE,
+        "SolutionLike": _TYPE,
         "SAME_TIME": "how close two times are that count as one",
         "Sample": _TYPE,
         "When": _TYPE,

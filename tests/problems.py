@@ -286,6 +286,52 @@ def jerked_rope(most: float = 7.2) -> ocp.Problem:
     return ocp.Problem(problem.motion, problem.schedule, objective, limits, initial=problem.initial)
 
 
+HEIGHT, RISE, THRUST, BLOW = (
+    Quantity("height", "m"),
+    Quantity("rise", "m/s"),
+    Quantity("thrust", "N"),
+    Quantity("blow", "N s"),
+)
+
+
+class Bouncer(ocp.ModelBase):
+    """A mass of 1 kg that bounces at each phase's end: its reset is explicit, without a z, and supplies the impulse."""
+
+    def __init__(self) -> None:
+        state = ocp.Manifold((ocp.Block(HEIGHT, ("",)), ocp.Block(RISE, ("",), rate_of=HEIGHT)))
+        super().__init__("bouncer", state, ocp.Manifold((ocp.Block(THRUST, ("",)),)))
+
+    def mode_key(self, mode: Hashable) -> str:
+        return "fall"
+
+    def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
+        next_state = cs.vertcat(x[0] + p["dt"] * x[1], x[1] + p["dt"] * (u - 9.81))
+        blocks = (*self.state.blocks, *self.control.blocks)
+        makers = {b.quantity.path: lambda b=b, v=v: Bound(b.quantity, v, b.labels)
+                  for b, v in zip(blocks, (x[0], x[1], u), strict=True)}  # fmt: skip
+        return Dynamics(cs.SX(0, 1), next_state, Quantities("bouncer", makers))
+
+    def lands(self, node: Node) -> bool:
+        return node.next_mode is not None
+
+    def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
+        makers = {"blow": lambda: Bound(BLOW, -1.8 * x[1], ("",)), "rise": lambda: Bound(RISE, x[1], ("",))}
+        return Reset(cs.SX(0, 1), cs.vertcat(x[0], -0.8 * x[1]), Quantities("bouncer", makers), outputs=(BLOW,))
+
+
+def bouncer(weight: float = 3.0) -> ocp.Problem:
+    """The bouncer lands after 0.3 s; the impulse of its bounce has a cost and a largest value."""
+    motion = ocp.Motion(ocp.Phase("drop", "falls", 0.3), ocp.Phase("rise", "rises", 0.3))
+    objective = ocp.Objective(
+        ocp.regularize(THRUST, 0.1), ocp.regularize(BLOW, weight, at="phase_end", when="drop", name="blow")
+    )
+    limits = ocp.Constraints(
+        ocp.equality(lambda s: s.height, at="phase_end", when="drop", name="ground", unit="m"),
+        ocp.inequality(lambda s: s.blow, upper=3.0, at="phase_end", when="drop", name="largest blow", unit="N s"),
+    )
+    return ocp.Problem(motion, Bouncer().until_end(dt=0.02), objective, limits, initial=[0.4, 0.0])
+
+
 PROBLEMS: Mapping[str, Callable[[], ocp.Problem]] = {
     "bouncing ball": bouncing_ball,
     "swing up": swing_up,
@@ -293,4 +339,5 @@ PROBLEMS: Mapping[str, Callable[[], ocp.Problem]] = {
     "hopper": hopper,
     "rope": rope,
     "jerked rope": jerked_rope,
+    "bouncer": bouncer,
 }

@@ -144,9 +144,7 @@ def _derivatives(
 
 
 def _reset_quantities(model: ModelBase, key: str) -> Set[str]:
-    """Return the paths of the quantities at the model's own reset."""
-    if model.reset_size(key) == 0:
-        return frozenset()
+    """Return the paths of the quantities at the model's own reset, which need not have a z."""
     symbols = NodeSymbols(model, model.reset_size(key))
     quantities = model.reset(key, symbols.x, symbols.z, symbols.of_model()).quantities
     return frozenset() if quantities is None else frozenset(quantities.paths)

@@ -128,7 +128,7 @@ def follows_from_motion(name: str, where: str) -> ProblemError:
     """Return the error of a slot whose values the model sets itself at each node."""
     return ProblemError(
         f"{where}, parameter '{name}': follows from the motion - got a number for it, expected none; change the "
-        "motion's phases or targets"
+        "motion's phases or targets, the time step, or the options of the model"
     )
 
 

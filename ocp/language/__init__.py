@@ -6,6 +6,9 @@ from .initial import initial_state as initial_state
 from .interpolation import interpolate as interpolate
 from .interpolation import node_before as node_before
 from .interpolation import phase_index as phase_index
+from .invariants import BallisticPoint as BallisticPoint
+from .invariants import ContactPoint as ContactPoint
+from .invariants import Invariants as Invariants
 from .manifold import Block as Block
 from .manifold import Manifold as Manifold
 from .model import Dynamics as Dynamics
@@ -41,16 +44,13 @@ from .piece import PlacedPhase as PlacedPhase
 from .piece import Reference as Reference
 from .piece import placed_phases as placed_phases
 from .policy import Policy as Policy
-from .policy import Solved as Solved
+from .policy import SolutionLike as SolutionLike
 from .problem import Problem as Problem
 from .problem_file import file_error as file_error
 from .problem_file import load_problem as load_problem
 from .problem_file import problem_names as problem_names
 from .problem_file import run_file as run_file
 from .problem_file import split_spec as split_spec
-from .promise import Falling as Falling
-from .promise import Promises as Promises
-from .promise import Resting as Resting
 from .quantity import Bound as Bound
 from .quantity import Quantity as Quantity
 from .quantity import QuantityGroup as QuantityGroup

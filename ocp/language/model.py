@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
+from .invariants import Invariants
 from .manifold import Manifold
-from .promise import Promises
 from .quantity import Bound, Quantity
 from .schedule import Schedule, Segment
 
@@ -270,9 +270,9 @@ class ModelBase(ABC):
         """Return rows that must be zero at a phase's end because of the next phase (a touchdown), or None."""
         return None
 
-    def promises(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Promises:
-        """Return what a mode promises beyond one step, for a verification; by default nothing."""
-        return Promises()
+    def invariants(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Invariants:
+        """Return what holds in a mode over many steps, for a verification; by default nothing."""
+        return Invariants()
 
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
         """Translate a keyframe's entries to quantities; a rotation as roll, pitch, yaw, (3,) [rad], full turns kept."""

@@ -25,7 +25,7 @@ class PhasePolicy(Protocol):
         ...
 
 
-class Solved(Protocol):
+class SolutionLike(Protocol):
     """A solution of any solver: a trajectory, and gains for each of its phases."""
 
     @property
@@ -85,7 +85,7 @@ class Policy:
         self.trajectory, self.feedback = trajectory, tuple(feedback)
 
     @staticmethod
-    def of(solution: Solved, nx: int) -> Policy:
+    def of(solution: SolutionLike, nx: int) -> Policy:
         """Return the policy of a solution, up to the first phase with states of another size.
 
         Args:
@@ -99,8 +99,8 @@ class Policy:
         n = next((i for i, part in enumerate(parts) if part.states.shape[1] != nx), len(parts))
         if n == 0:
             raise ModelError(
-                f"simulation: the solution does not begin with a whole body - got model '{parts[0].model}' with "
-                f"{parts[0].states.shape[1]} states, expected {nx}; film it without --simulate"
+                f"policy: the solution does not begin with such states - got model '{parts[0].model}' with "
+                f"{parts[0].states.shape[1]} states, expected {nx}; give a solution that begins with the plant's model"
             )
         return Policy(Trajectory(parts[:n]), [phase.feedback for phase in solution.phases[:n]])
 

@@ -1,7 +1,7 @@
 """Verification: the violations of a trajectory, recomputed only from its states and controls, node by node.
 
 It uses the compiled functions and NumPy, and no code of a solver: one linear solve for z per node, the discrete step,
-the reset maps, the rows of every equality and inequality, and the promises of models over many steps: feet on the
+the reset maps, the rows of every equality and inequality, and the invariants of models over many steps: feet on the
 ground stay where they are, and in flight the centre of mass follows its parabola.
 """
 
@@ -20,15 +20,15 @@ from piaffe.errors import ProblemError, renamed_members
 
 from ..compiler import CompiledPhase, CompiledProblem, LoweredMode, Row
 from ..language import Quantity, Trajectory
-from .promises import departures
-from .violation import Kind, Violation
+from .invariants import invariant_violations
+from .violation import Kind, Violation, finite
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Verification:
-    """The violations of the rows of a problem, and of the promises of its models, by a trajectory.
+    """The violations of the rows of a problem, and of the invariants of its models, by a trajectory.
 
     Args:
         violations: the worst node of every named row, also of rows that hold; the worst first within each kind.
@@ -86,7 +86,7 @@ class Verification:
 
 
 def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
-    """Recompute every defect, equality, inequality, and promise of a model, of a trajectory.
+    """Recompute every defect, equality and inequality of a trajectory, and the invariants of its models.
 
     For a model without derivatives only the rows are recomputed, because the simulator makes its steps.
 
@@ -99,7 +99,7 @@ def verify(compiled: CompiledProblem, trajectory: Trajectory) -> Verification:
     """
     check_fits(compiled, trajectory)
     worst: dict[tuple[str, str], Violation] = {}
-    for found in chain(_violations(compiled, trajectory), departures(compiled, trajectory)):
+    for found in chain(_violations(compiled, trajectory), invariant_violations(compiled, trajectory)):
         known = worst.get((found.kind, found.name))
         if known is None or found.amount > known.amount:
             worst[found.kind, found.name] = found
@@ -142,7 +142,7 @@ def _violations(compiled: CompiledProblem, trajectory: Trajectory) -> Iterator[V
             for quantity, where in space.slices.items():
                 if quantity.kind == "rotation":
                     off = abs(float(np.linalg.norm(x[where])) - 1.0)
-                    yield Violation(f"{quantity} length", phase.name, k, _finite(off), "", "defect")
+                    yield Violation(f"{quantity} length", phase.name, k, finite(off), "", "defect")
         _, g, h = (_column(value) for value in f["terminal"](part.states[n], phase.p_end))
         yield from _rows(compiled, phase, n, "terminal_g", "inequality", -g * phase.end_g_mask[: len(g)])
         yield from _rows(compiled, phase, n, "terminal_h", "equality", np.abs(h) * phase.end_h_mask[: len(h)])
@@ -200,7 +200,7 @@ def _defects(phase: CompiledPhase, node: int, reached: Array, state: Array) -> I
     units = [block.quantity.unit for block in space.blocks for _ in block.labels]
     defects = np.abs(space.np_minus(reached, state))
     for label, unit, amount in zip(space.labels, units, defects, strict=True):
-        yield Violation(label, phase.name, node, _finite(amount), unit, "defect")
+        yield Violation(label, phase.name, node, finite(amount), unit, "defect")
 
 
 def _rows(
@@ -223,11 +223,7 @@ def _amounts(
 ) -> Iterator[Violation]:
     for row, amount in zip(rows, amounts, strict=True):
         source = str(compiled.terms[row.term].source) if row.term >= 0 else ""
-        yield Violation(compiled.row_name(row), phase.name, node, max(_finite(amount), 0.0), row.unit, kind, source)
-
-
-def _finite(amount: float) -> float:
-    return float(amount) if np.isfinite(amount) else float("inf")
+        yield Violation(compiled.row_name(row), phase.name, node, max(finite(amount), 0.0), row.unit, kind, source)
 
 
 def _column(value: cs.DM) -> Array:

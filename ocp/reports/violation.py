@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 Kind = Literal["defect", "equality", "inequality", "slip", "height", "flight"]
 
 BOUNDS: dict[Kind, float] = {
@@ -43,3 +45,8 @@ class Violation:
     def ratio(self) -> float:
         """The amount relative to the bound in ``BOUNDS``."""
         return self.amount / BOUNDS[self.kind]
+
+
+def finite(amount: float) -> float:
+    """Return an amount, infinite if it is not a finite number: NaN would compare as no violation."""
+    return float(amount) if np.isfinite(amount) else float("inf")

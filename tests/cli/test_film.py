@@ -214,6 +214,6 @@ def test_only_a_whole_body_is_simulated(playback: Playback) -> None:
     parts = tuple(replace(part, states=part.states[:, :13]) for part in playback.trajectory.phases)
     short = replace(playback.solution, trajectory=replace(playback.trajectory, phases=parts))
     with pytest.raises(
-        ModelError, match="does not begin with a whole body - got model 'mini_cheetah' with 13 states, expected 37"
+        ModelError, match="does not begin with such states - got model 'mini_cheetah' with 13 states, expected 37"
     ):
         simulate(Playback(short))

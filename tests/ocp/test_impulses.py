@@ -335,7 +335,7 @@ def test_other_quantities_at_an_impact_are_those_of_the_state_before_it() -> Non
         (
             ocp.regularize(feet.impulse, name="early"),
             r"term 'early' \(test_impulses.py:\d+\): applies nowhere - got model 'solo12' cannot supply 'feet.impulse' "
-            r"\(it exists at the end of a phase whose next one lands feet; declare the term with at=\"phase_end\"\), "
+            r"\(it exists for terms with at=\"phase_end\", at the end of a phase whose next one lands feet\), "
             "expected at least one model and phase; correct it or remove it",
         ),
         (ocp.regularize(feet.impulse, at="end", name="late"), "term 'late' .* cannot supply 'feet.impulse'"),

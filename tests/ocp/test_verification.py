@@ -177,7 +177,7 @@ def test_contacts_are_solved_for_here() -> None:
         controls = rng.standard_normal((2, 12))
         states = [x]
         for u in controls:
-            x = body.step(x, u, feet, 0.01, gamma=100.0)  # 1/dt, as in a compiled problem
+            x = body.step(x, u, feet, 0.01, gamma=200.0)  # 2/dt, as in a compiled problem
             states.append(x)
         parts.append(
             PhaseTrajectory(

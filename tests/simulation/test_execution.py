@@ -24,6 +24,7 @@ from piaffe.simulation import (
     run_policy,
     torque_plant,
 )
+from piaffe.simulation.declared_plant import declared_robot
 from tests.problems import bouncing_ball
 from tests.simulation.plans import BODY, KD, KP, ROBOT, bow
 
@@ -170,6 +171,31 @@ def test_a_raised_ground_is_where_the_problem_has_it() -> None:
         execute(Bow(), problem(), seeds=1, perturbation=still),
     )
     assert on_it.trials[0].position == pytest.approx(level.trials[0].position, abs=1e-9)
+
+
+def test_the_robot_is_the_problems() -> None:
+    mass, com = 1.2 * BODY.tree.mass, (BODY.tree.com + 0.01).ravel()
+    changed = problem().with_parameters({
+        "solo12.gravity": (0.4, 0.0, -1.62), "solo12.link_mass": mass, "solo12.link_com": com,
+        "solo12.link_inertia": 2 * BODY.tree.inertia.ravel(), "solo12.armature": np.full(12, 0.02),
+    })  # fmt: skip
+    heavy = models.WholeBody(declared_robot(changed))
+    np.testing.assert_array_equal(heavy.robot.model.gravity.linear, (0.4, 0.0, -1.62))
+    np.testing.assert_allclose(heavy.tree.mass, mass)
+    np.testing.assert_allclose(heavy.tree.com.ravel(), com, rtol=1e-12)
+    np.testing.assert_allclose(heavy.tree.inertia, 2 * BODY.tree.inertia, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(heavy.robot.armature, np.full(12, 0.02))
+    same = models.WholeBody(declared_robot(problem()))
+    np.testing.assert_allclose(same.tree.inertia, BODY.tree.inertia, rtol=1e-12, atol=1e-15)
+    assert ROBOT.mass == pytest.approx(BODY.tree.mass.sum())  # the robot itself is as it was
+
+
+def test_on_the_moon_the_plan_is_simulated_with_the_gravity_of_the_moon() -> None:
+    moon = problem().with_parameters({"solo12.gravity": (0.0, 0.0, -1.62)})
+    free, still = Bow(controls=np.zeros((5, 12))), Perturbation().scaled(0)
+    free.phases = tuple(type("Gains", (), {"feedback": np.zeros((5, 12, 36))})() for _ in free.trajectory.phases)
+    on_earth, on_moon = (execute(free, each, seeds=1, perturbation=still).trials[0] for each in (problem(), moon))
+    assert on_moon.position < 0.3 * on_earth.position
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,7 @@ def test_only_phases_of_the_plants_states_are_played() -> None:
     policy = Policy.of(Solved(trajectory.phases[0], small), 37)
     assert policy.trajectory.phases == trajectory.phases[:1]
     assert (policy.start, policy.end) == (0.0, 0.1)
-    with pytest.raises(ModelError, match="does not begin with a whole body - got model 'solo12' with 13 states, expec"):
+    with pytest.raises(ModelError, match="does not begin with such states - got model 'solo12' with 13 states, expec"):
         Policy.of(Solved(small), 37)
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
-from piaffe.models import Robot, WholeBody, terrain
-from piaffe.ocp import CompiledPhase, CompiledProblem, Policy, Problem, Solved, check_fits, compile_problem
+from piaffe.models import Robot
+from piaffe.ocp import CompiledPhase, CompiledProblem, Policy, Problem, SolutionLike, check_fits, compile_problem
 
+from .declared_plant import declared_ground, declared_robot
 from .deviation import Deviation, deviations
 from .perturbation import Perturbation
 from .policy_run import PolicyRun, Steps, play, sampled, torque_plant
@@ -24,7 +24,6 @@ FRICTION = 0.6
 
 _Key = tuple[str, str, str]  # what, name, phase
 _LOADED = 0.01  # a foot is on the ground if its normal force exceeds this share of the robot's weight
-_GRAVITY = 9.81  # [m/s²], for this share
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,7 @@ class Execution:
 
 
 def execute(
-    solution: Solved,
+    solution: SolutionLike,
     problem: Problem | CompiledProblem,
     *,
     seeds: int | Iterable[int] = 10,
@@ -131,8 +130,8 @@ def execute(
 ) -> Execution:
     """Play the policy of a solution, ū + K (x ⊖ x̄), on MuJoCo from perturbed starts.
 
-    MuJoCo simulates the contacts; the robot's feet, base and knees collide with the ground. The plan is lost if the
-    base is more than 0.3 m or 1 rad from it.
+    MuJoCo simulates the contacts; the robot's feet, base and knees collide with the ground. Gravity, masses, inertias
+    and the height of the ground are the problem's. The plan is lost if the base is more than 0.3 m or 1 rad from it.
 
     Args:
         solution: a solution of the problem. Phases from the first one without a whole body on are left out.
@@ -156,7 +155,7 @@ def execute(
             ("friction", mu, "a positive number") if chosen else ("seeds", len(chosen), "at least one")
         )
         raise ModelError(f"execution: {what} out of range - got {got}, expected {expected}; change it")
-    robot, ground = _robot(compiled), terrain.flat(_level(compiled))
+    robot, ground = declared_robot(compiled), declared_ground(compiled)
     plant = torque_plant(robot, timestep=timestep, friction=mu, ground=ground)
     policy = Policy.of(solution, plant.state.nx)
     steps, spread = sampled(policy, timestep), perturbation or Perturbation()
@@ -183,26 +182,9 @@ def declared_friction(compiled: CompiledProblem) -> float:
 
 def _trial(seed: int, run: PolicyRun, stances: NDArray[np.bool_], policy: Policy, robot: Robot) -> Trial:
     names = [part.name for part in policy.trajectory.phases]
-    found = deviations(
-        run, stances[: len(run.times)], names, robot.foot_names, robot.joint_names, _LOADED * robot.mass * _GRAVITY
-    )
+    weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    found = deviations(run, stances[: len(run.times)], names, robot.foot_names, robot.joint_names, _LOADED * weight)
     return Trial(seed, run.lost_at, float(run.position[-1]), float(run.orientation[-1]), run.saturated, found)
-
-
-def _robot(compiled: CompiledProblem) -> Robot:
-    model: Any = compiled.phases[0].mode.model
-    if not isinstance(model, WholeBody):
-        raise ModelError(
-            f"execution: the problem does not begin with a whole body - got model '{model.name}', expected a "
-            "models.WholeBody; only torques can be played"
-        )
-    return model.robot
-
-
-def _level(compiled: CompiledProblem) -> float:
-    """Return the height of the ground [m]."""
-    phase = compiled.phases[0]
-    return float(phase.p[0, phase.mode.layout.slots["terrain"]][0])
 
 
 def _stances(compiled: CompiledProblem, steps: Steps, robot: Robot) -> NDArray[np.bool_]:

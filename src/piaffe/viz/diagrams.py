@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from piaffe.models import measures
+
 from .curves import Panel, feet_of, forces, friction, impulses
 from .style import AXES, BOUND, FAINT, FLIGHT, INK, LEGS, NEUTRAL, SHADES
 
@@ -138,9 +140,16 @@ def cone_use(axes: Axes, solution: Solution) -> None:
         axes.plot(times, use, color=LEGS[i % len(LEGS)], drawstyle="steps-post")
     at, impulse = impulses(solution)
     for i in range(impulse.shape[1]):
-        on = impulse[:, i, 2] > 1e-6
-        ratio = np.abs(impulse[on, i, :2]).max(axis=1) / (mu * impulse[on, i, 2])
-        axes.plot(at[on], ratio, "D", ms=4.0, mfc="none", mew=0.9, color=LEGS[i % len(LEGS)], clip_on=False)
+        axes.plot(
+            at,
+            measures.impulse_ratios(impulse[:, i]) / mu,
+            "D",
+            ms=4.0,
+            mfc="none",
+            mew=0.9,
+            color=LEGS[i % len(LEGS)],
+            clip_on=False,
+        )
     axes.axhline(1.0, color=BOUND, lw=0.8, ls=(0, (4, 2)), zorder=1)
     axes.set_ylim(0, 1.15)
     axes.set_title("Use of friction  max(|$F_x$|, |$F_y$|) / μ$F_z$" if friction(solution) else "Slope of the force")

@@ -11,6 +11,7 @@ from piaffe import models, ocp
 from piaffe.models import base, feet, joints, measures, stance
 from piaffe.ocp import CompiledProblem, compile_problem, verify
 from piaffe.solvers import MSiLQR, Options, Solution, solve_batch
+from tests.problems import bouncer
 
 EVERY = "FL FR HL HR"
 
@@ -208,3 +209,23 @@ def test_the_published_rule_without_limits_keeps_the_earlier_result() -> None:
     assert solution.cost == pytest.approx(0.284303, rel=1e-4)
     base_at_end = solution.trajectory.phases[-1].states[-1, :3]
     np.testing.assert_allclose(base_at_end, [0.04839, 0.13714, 0.17882], atol=2e-4)
+
+
+def test_ratios_of_impulses_tell_pulling_from_none() -> None:
+    given = np.array([[0.3, -0.4, 1.0], [0.1, 0.0, -0.2], [1e-9, 0.0, -1e-8], [np.nan] * 3])
+    np.testing.assert_array_equal(measures.impulse_ratios(given), [0.4, np.inf, np.nan, np.nan])
+    assert measures.Impact("flight", 0.1, given).ratio == np.inf
+    assert measures.Impact("flight", 0.1, given[[0, 2, 3]]).ratio == 0.4
+    assert measures.Impact("flight", 0.1, given[2:]).ratio == 0.0
+
+
+def test_a_reset_without_implicit_variables_has_impulses() -> None:
+    solutions = [MSiLQR(bouncer(), backend=backend).solve().raise_if_failed() for backend in ("numpy", "native")]
+    for solution in solutions:
+        (blow,) = solution.trajectory.phases[0].reset_outputs.values()
+        assert blow[0] == pytest.approx(-1.8 * solution.trajectory.phases[0].states[-1, 1])
+        assert 0 < blow[0] <= 3.0 + 1e-4
+        assert solution.term_costs["blow"] == pytest.approx(1.5 * blow[0] ** 2)
+        assert not solution.trajectory.phases[1].reset_outputs
+    assert solutions[0].cost == pytest.approx(solutions[1].cost, rel=1e-12)
+    assert verify(compile_problem(bouncer()), solutions[0].trajectory).holds

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from piaffe import ocp
+from piaffe import models, ocp
 from piaffe.errors import SolverError
 from piaffe.ocp import CompiledProblem, compile_problem
 from piaffe.solvers import MSiLQR, Options, Record, Solution, Status
@@ -445,6 +445,28 @@ def test_other_weights_limits_targets_and_timings_lower_nothing_again() -> None:
     assert second.problem.lowered == 0
     assert np.max(first.solve().controls) > 6.5
     assert np.max(second.solve().controls) == pytest.approx(6.0, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["go2", "mini_cheetah"])
+def test_first_steps_of_a_sixteenth_do_not_end_a_hop(name: str) -> None:
+    robot = models.load(name)
+    body, height, every = models.WholeBody(robot), robot.base_height("stand"), models.stance(roles="all")
+    above = ocp.Keyframe(position=(0, 0, height), joints="stand")
+    motion = ocp.Motion(
+        ocp.Phase("push", every, 0.2, above), ocp.Phase("flight", models.stance(""), 0.2, above),
+        ocp.Phase("land", every, 0.2, above),
+    )  # fmt: skip
+    objective = ocp.Objective(
+        ocp.track("base.position", weight=(1, 1, 10)), ocp.track("base.orientation", weight=2.0),
+        ocp.track("base.linear_velocity", weight=0.5), ocp.track("base.angular_velocity", weight=0.1),
+        ocp.track("joints.position", weight=0.5), ocp.track("joints.velocity", weight=0.05),
+        ocp.regularize("joints.torque", weight=0.02),
+    )  # fmt: skip
+    limits = ocp.Constraints(models.friction_cone(0.6), models.torque_limits(), models.foot_clearance())
+    problem = ocp.Problem(motion, body.until_end(dt=0.01), objective, limits, initial=body.state(joints="stand"))
+    solution = MSiLQR(problem).solve()
+    assert solution.converged, solution.explain()
+    assert any(record.step_size < 0.1 for record in solution.history)
 
 
 # ---- options

@@ -210,7 +210,7 @@ def test_a_flight_of_half_a_second_at_rest_is_found() -> None:
     assert flight(exact) < 1e-12
 
 
-def test_models_that_promise_nothing_have_no_such_rows() -> None:
+def test_models_without_invariants_have_no_such_rows() -> None:
     compiled = compile_problem(bouncing_ball())
     parts = tuple(
         PhaseTrajectory(
