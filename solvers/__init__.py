@@ -9,6 +9,9 @@ from .batch import solve_batch as solve_batch
 from .ilqr import LqPhase as LqPhase
 from .ilqr import MSiLQR as MSiLQR
 from .ilqr import Options as Options
+from .qp import QpResult as QpResult
+from .qp import QpStatus as QpStatus
+from .qp import solve_qp as solve_qp
 from .solution import PhaseSolution as PhaseSolution
 from .solution import Record as Record
 from .solution import Solution as Solution
