@@ -19,6 +19,7 @@ from .compiler import owner_of as owner_of
 from .compiler import require_derivatives as require_derivatives
 from .compiler import whole_steps as whole_steps
 from .language import SAME_TIME as SAME_TIME
+from .language import TIME_STEP as TIME_STEP
 from .language import BallisticPoint as BallisticPoint
 from .language import Block as Block
 from .language import Bound as Bound

@@ -50,7 +50,7 @@ class QpMemory:
             self.H, self.g, self.A, self.b, self.C, self.d, self._x, self._multipliers, self._active, self._counts,
             self._work, self._places,
         )  # fmt: skip
-        self._call, self._arguments = library.piaffe_qp, (*map(ct.c_int, (n, m, k)), *map(pointer, arrays))
+        self._call, self._arguments = library.piaffe_qp, (n, m, k, *(pointer(array) for array in arrays))
 
     def solve(self, first: NDArray[np.bool_] | None = None) -> QpResult:
         """Solve the program, see :func:`piaffe.solvers.solve_qp`."""

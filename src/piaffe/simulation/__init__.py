@@ -23,6 +23,7 @@ from .plant import MAX_SPEED as MAX_SPEED
 from .plant import Plant as Plant
 from .policy_controller import PolicyController as PolicyController
 from .policy_controller import PolicyPlan as PolicyPlan
+from .policy_run import Control as Control
 from .policy_run import PolicyRun as PolicyRun
 from .policy_run import run_policy as run_policy
 from .policy_run import torque_plant as torque_plant

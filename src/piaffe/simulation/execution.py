@@ -15,7 +15,7 @@ from piaffe.ocp import CompiledPhase, CompiledProblem, Policy, Problem, Solution
 from .declared_plant import declared_ground, declared_robot
 from .deviation import Deviation, deviations
 from .perturbation import Perturbation
-from .policy_run import PolicyRun, Steps, play, sampled, torque_plant
+from .policy_run import Control, PolicyRun, Steps, play, sampled, torque_plant
 
 Array = NDArray[np.float64]
 
@@ -126,6 +126,7 @@ def execute(
     perturbation: Perturbation | None = None,
     friction: float | None = None,
     timestep: float = 1e-3,
+    control: Control | None = None,
     progress: Callable[[Trial], None] | None = None,
 ) -> Execution:
     """Play the policy of a solution, ū + K (x ⊖ x̄), on MuJoCo from perturbed starts.
@@ -140,6 +141,7 @@ def execute(
         perturbation: standard deviations of the starts; ``Perturbation()`` by default.
         friction: friction coefficient; by default the smallest that a friction cone of the problem declares, else 0.6.
         timestep: step of the simulator and of the policy [s].
+        control: a low-level controller of the same plan, as ``solvers.Vwbc(...).control``, in place of the policy.
         progress: called with every trial.
 
     Raises:
@@ -162,7 +164,7 @@ def execute(
     stances = _stances(compiled, steps, robot)
     trials = []
     for seed in chosen:
-        run = play(steps, plant, spread.around(plant, policy.initial, seed))
+        run = play(steps, plant, spread.around(plant, policy.initial, seed), control)
         trials.append(_trial(seed, run, stances, policy, robot))
         if progress is not None:
             progress(trials[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,6 +17,9 @@ from .plant import Plant
 Array = NDArray[np.float64]
 
 _UNLIMITED = 1e6  # [Nm]: the range of a control needs a number; the actuator of such a joint has no limit
+
+Control = Callable[[Array, float], Array]
+"""A low-level controller: the control (nu,) [Nm] of a state (nx,) at a time [s]."""
 
 LOST_M, LOST_RAD = 0.3, 1.0
 """The plan is lost if the error of the base exceeds this, in position or in orientation."""
@@ -91,7 +95,9 @@ def torque_plant(
     )  # fmt: skip
 
 
-def run_policy(policy: Policy, plant: Mujoco, initial: ArrayLike | None = None) -> PolicyRun:
+def run_policy(
+    policy: Policy, plant: Mujoco, initial: ArrayLike | None = None, *, control: Control | None = None
+) -> PolicyRun:
     """Simulate a policy from the plan's start to the plan's end, or until the plan is lost.
 
     The control is computed at every step of the simulator.
@@ -100,8 +106,9 @@ def run_policy(policy: Policy, plant: Mujoco, initial: ArrayLike | None = None) 
         policy: the policy.
         plant: the robot with torques as controls, as :func:`torque_plant` returns it.
         initial: first state of the plant (nx,); by default the plan's.
+        control: a low-level controller of the same plan, in place of ū + K (x ⊖ x̄).
     """
-    return play(sampled(policy, plant.timestep), plant, policy.initial if initial is None else initial)
+    return play(sampled(policy, plant.timestep), plant, policy.initial if initial is None else initial, control)
 
 
 class Steps(NamedTuple):
@@ -132,8 +139,8 @@ def sampled(policy: Policy, timestep: float) -> Steps:
     )  # fmt: skip
 
 
-def play(steps: Steps, plant: Mujoco, initial: ArrayLike) -> PolicyRun:
-    """Simulate a sampled policy from a state (nx,), see :func:`run_policy`."""
+def play(steps: Steps, plant: Mujoco, initial: ArrayLike, control: Control | None = None) -> PolicyRun:
+    """Simulate a sampled policy, or another controller of its plan, from a state (nx,), see :func:`run_policy`."""
     policy, limits = steps.policy, plant.robot.torque_limit
     simulated = Plant(plant, np.array(initial, dtype=float))
     states, forces, slips, touching, errors, full = [], [], [], [], [], []
@@ -146,7 +153,8 @@ def play(steps: Steps, plant: Mujoco, initial: ArrayLike) -> PolicyRun:
         forces.append(simulated.foot_forces())
         slips.append(simulated.foot_slip())
         touching.append(simulated.others_in_contact())
-        u = part.controls[stage] + policy.feedback[phase][stage] @ deviation
+        feedback = policy.feedback[phase][stage]
+        u = part.controls[stage] + feedback @ deviation if control is None else control(x, float(t))
         full.append(np.abs(u) >= limits)
         if simulated.failed or errors[-1][0] > LOST_M or errors[-1][1] > LOST_RAD:
             lost = float(t)

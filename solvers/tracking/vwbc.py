@@ -1,0 +1,144 @@
+"""VWBC: a whole-body controller whose objective is the solver's action-value function."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ShapeError, UnknownNameError
+from piaffe.ocp import TIME_STEP, LoweredMode
+
+from ..qp import QpMethod, QpStatus, qp_method
+from .low_level import JointPD, LowLevel
+from .plan import PlanStage, StagedPlan
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class VwbcTick:
+    """What the last tick did.
+
+    Args:
+        status: of the quadratic program; None if the state was not finite.
+        iterations: of the quadratic program.
+        active: names of the inequality rows that hold as equalities.
+    """
+
+    status: QpStatus | None
+    iterations: int
+    active: tuple[str, ...]
+
+
+class Vwbc(LowLevel):
+    """The control that minimises the action value among those that keep the declared limits at the measured state.
+
+    At a state x and a time t, δx = x ⊖ x̄, and δu solves::
+
+        minimise    (Q_u + Q_ux δx)ᵀ δu + ½ δuᵀ Q_uu δu
+        subject to  g(x, ū + δu, z) ≥ 0,   h(x, ū + δu, z) = 0,   z = −K⁻¹ r0(x, ū + δu)
+
+    The rows are the problem's running constraints that depend on the control or the implicit part (for a whole body:
+    accelerations and contact forces). Rows that are not affine in u and z are linearised at ū. Rows of the state alone
+    are left out, because no control changes them at once.
+    Without rows the control is ū + k + K δx, the solver's policy with its whole feedforward.
+
+    z is that of a step of length zero, the continuous dynamics at x: the torque acts at once, and a controller repeats
+    its tick many times within a step of the plan.
+
+    If the program has no solution, the control is ū + K δx within the bounds of single controls.
+    ``statuses`` counts the results; ``last`` is the last tick.
+
+    After [He2024-CafeMpc, Sec. IV], whose program has accelerations and forces as variables; here they are eliminated.
+
+    Args:
+        plan: the plan.
+        leave_out: components of the state that do not count in δx, see :class:`LowLevel`.
+        gains: added to the control after the program; none by default.
+        damping: of the last resort [Nm s/rad].
+        slots: other values of the model's slots in the low level, by name, as ``{"gamma": 20.0}``.
+        qp: method of the quadratic program, see :func:`solve_qp`.
+        step_feedforward: whether the gradient Q_u counts.
+
+    Raises:
+        UnknownNameError: no model has such a slot, or no state such a component.
+        ShapeError: a slot has another size.
+        SolverError: the method is unknown.
+    """
+
+    def __init__(
+        self,
+        plan: StagedPlan,
+        *,
+        leave_out: Sequence[str] = (),
+        gains: JointPD | None = None,
+        damping: float = 1.0,
+        slots: Mapping[str, ArrayLike] | None = None,
+        qp: QpMethod = "own",
+        step_feedforward: bool = True,
+    ) -> None:
+        super().__init__(plan, leave_out=leave_out, gains=gains, damping=damping)
+        self._solve, self._gradient = qp_method(qp), 1.0 if step_feedforward else 0.0
+        self._changes = {mode: _changes(mode, slots or {}) for mode in plan.modes}
+        self.statuses: Counter[QpStatus] = Counter()
+        self.iterations: Counter[int] = Counter()
+        self.last: VwbcTick | None = None
+        if not any(rows.g or rows.h for rows in self.rows.values()):
+            warnings.warn(
+                "vwbc: no constraint depends on control or contact force - got none, expected limits such as "
+                "torque_limits and friction_cone; the control is the solver's policy without limits",
+                stacklevel=2,
+            )
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """Names of the rows that the program has, each once."""
+        return self._names(lambda rows: (("g", rows.g), ("h", rows.h)))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the inequality rows of the state alone, which the program does not have."""
+        return self._names(lambda rows: (("g", rows.left_out),))
+
+    @property
+    def fallbacks(self) -> int:
+        """Number of ticks whose program had no solution."""
+        return sum(count for status, count in self.statuses.items() if status is not QpStatus.SOLVED)
+
+    def _names(self, of):  # type: ignore[no-untyped-def]
+        pairs = [(m, kind, i) for m, rows in self.rows.items() for kind, own in of(rows) for i in own]
+        return tuple(dict.fromkeys(self.plan.row_name(m, kind, i) for m, kind, i in pairs))
+
+    def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
+        p = at.p.copy()
+        for where, value in self._changes[at.mode]:
+            p[where] = value
+        rows = self.rows[at.mode](x, at.u, p, at.g_mask, at.h_mask)
+        slope = self._gradient * at.Q_u + at.Q_ux @ deviation
+        result = self._solve(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, None)
+        self.statuses[result.status] += 1
+        self.iterations[result.iterations] += 1
+        active = tuple(self.plan.row_name(at.mode, "g", int(i)) for i in rows.rows[result.active])
+        self.last = VwbcTick(result.status, result.iterations, active)
+        return at.u + (result.x if result.status is QpStatus.SOLVED else at.feedback @ deviation)
+
+
+def _changes(mode: LoweredMode, slots: Mapping[str, ArrayLike]) -> list[tuple[slice, Array]]:
+    """Return parts of the parameter vector and their values in the low level."""
+    changes = [(mode.layout.slices[TIME_STEP], np.zeros(1))]
+    for name, given in slots.items():
+        if name not in mode.layout.slots:
+            raise UnknownNameError(f"vwbc, model '{mode.model.name}'", "slot", name, mode.layout.slots)
+        where, value = mode.layout.slots[name], np.atleast_1d(np.asarray(given, dtype=float)).ravel()
+        if value.size not in (1, where.stop - where.start):
+            raise ShapeError(
+                f"vwbc, model '{mode.model.name}', slot '{name}': wrong size - got {value.size} entries, expected "
+                f"{where.stop - where.start}; fix it"
+            )
+        changes.append((where, value))
+    return changes
