@@ -16,3 +16,12 @@ from .solution import PhaseSolution as PhaseSolution
 from .solution import Record as Record
 from .solution import Solution as Solution
 from .solution import Status as Status
+from .tracking import FeedforwardPD as FeedforwardPD
+from .tracking import JointPD as JointPD
+from .tracking import LowLevel as LowLevel
+from .tracking import PlanStage as PlanStage
+from .tracking import Riccati as Riccati
+from .tracking import SolvedPlan as SolvedPlan
+from .tracking import StagedPlan as StagedPlan
+from .tracking import Vwbc as Vwbc
+from .tracking import VwbcTick as VwbcTick

@@ -7,5 +7,6 @@ from .low_level import LowLevel as LowLevel
 from .plan import PlanStage as PlanStage
 from .plan import SolvedPlan as SolvedPlan
 from .plan import StagedPlan as StagedPlan
+from .rows import ControlRows as ControlRows
 from .vwbc import Vwbc as Vwbc
 from .vwbc import VwbcTick as VwbcTick

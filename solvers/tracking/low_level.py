@@ -57,10 +57,10 @@ def driven(mode: LoweredMode) -> Driven:
         if block.rate_of is not None and block.labels == labels:
             slices = mode.state.tangent_slices
             return Driven(slices[block.rate_of], slices[block.quantity])
+    names = ", ".join(label.strip() for label in mode.model.control.labels)
     raise SolverError(
-        f"joint gains, model '{mode.model.name}': the state has no velocities of the controls - got controls "
-        f"{', '.join(labels)}, expected a block of the state with these labels that is the rate of another; leave the "
-        "gains out"
+        f"joint gains, model '{mode.model.name}': the state has no velocities of the controls - got controls {names}, "
+        "expected a block of the state with these labels that is the rate of another; leave the gains out"
     )
 
 
