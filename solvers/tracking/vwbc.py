@@ -6,6 +6,7 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,28 @@ from .low_level import JointPD, LowLevel
 from .plan import PlanStage, StagedPlan
 
 Array = NDArray[np.float64]
+
+
+class Program(NamedTuple):
+    """The quadratic program of a tick, in δu: minimise ½ δuᵀH δu + gᵀδu subject to A δu = b, C δu ≥ d.
+
+    Attributes:
+        H: (nu, nu).
+        g: (nu,).
+        A: (m, nu).
+        b: (m,).
+        C: (k, nu).
+        d: (k,).
+        rows: index of each inequality among the rows of the mode, (k,).
+    """
+
+    H: Array
+    g: Array
+    A: Array
+    b: Array
+    C: Array
+    d: Array
+    rows: NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -98,32 +121,40 @@ class Vwbc(LowLevel):
     @property
     def limits(self) -> tuple[str, ...]:
         """Names of the rows that the program has, each once."""
-        return self._names(lambda rows: (("g", rows.g), ("h", rows.h)))
+        kinds = [(m, kind, own) for m, rows in self.rows.items() for kind, own in (("g", rows.g), ("h", rows.h))]
+        return tuple(dict.fromkeys(self.plan.row_name(m, kind, i) for m, kind, own in kinds for i in own))
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Names of the inequality rows of the state alone, which the program does not have."""
-        return self._names(lambda rows: (("g", rows.left_out),))
+        return tuple(
+            dict.fromkeys(self.plan.row_name(m, "g", i) for m, rows in self.rows.items() for i in rows.left_out)
+        )
 
     @property
     def fallbacks(self) -> int:
         """Number of ticks whose program had no solution."""
         return sum(count for status, count in self.statuses.items() if status is not QpStatus.SOLVED)
 
-    def _names(self, of):  # type: ignore[no-untyped-def]
-        pairs = [(m, kind, i) for m, rows in self.rows.items() for kind, own in of(rows) for i in own]
-        return tuple(dict.fromkeys(self.plan.row_name(m, kind, i) for m, kind, i in pairs))
+    def program(self, x: ArrayLike, t: float) -> Program:
+        """Return the quadratic program of a state (nx,) at time t [s]."""
+        at, state = self.plan.at(t), np.asarray(x, dtype=float)
+        return self._program(at, state, at.mode.state.np_minus(state, at.x) * self._kept[at.mode])
 
-    def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
+    def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:
         p = at.p.copy()
         for where, value in self._changes[at.mode]:
             p[where] = value
         rows = self.rows[at.mode](x, at.u, p, at.g_mask, at.h_mask)
         slope = self._gradient * at.Q_u + at.Q_ux @ deviation
-        result = self._solve(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, None)
+        return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows)
+
+    def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
+        made = self._program(at, x, deviation)
+        result = self._solve(made.H, made.g, made.A, made.b, made.C, made.d, None)
         self.statuses[result.status] += 1
         self.iterations[result.iterations] += 1
-        active = tuple(self.plan.row_name(at.mode, "g", int(i)) for i in rows.rows[result.active])
+        active = tuple(self.plan.row_name(at.mode, "g", int(i)) for i in made.rows[result.active])
         self.last = VwbcTick(result.status, result.iterations, active)
         return at.u + (result.x if result.status is QpStatus.SOLVED else at.feedback @ deviation)
 

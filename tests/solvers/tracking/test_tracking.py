@@ -231,7 +231,7 @@ def test_slots_of_the_model_can_have_other_values():
         state = pushed(compiled, x, 0.3, seed)
         default, zero = Vwbc(plan).control(state, 0.0), Vwbc(plan, slots={"gamma": 0.0}).control(state, 0.0)
         changed += np.abs(default - zero).max() > 0.01
-    assert changed > 5
+    assert changed > 2
     with pytest.raises(UnknownNameError, match="no slot 'gama'"):
         Vwbc(plan, slots={"gama": 1.0})
     with pytest.raises(ShapeError, match="slot 'gravity': wrong size - got 2 entries, expected 3"):
