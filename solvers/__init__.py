@@ -19,7 +19,7 @@ from .solution import Status as Status
 from .tracking import FeedforwardPD as FeedforwardPD
 from .tracking import JointPD as JointPD
 from .tracking import LowLevel as LowLevel
-from .tracking import PlanStage as PlanStage
+from .tracking import PlanPhase as PlanPhase
 from .tracking import Riccati as Riccati
 from .tracking import SolvedPlan as SolvedPlan
 from .tracking import StagedPlan as StagedPlan

@@ -20,6 +20,8 @@ INTERNAL: dict[str, dict[str, str]] = {
         "Kind": _TYPE,
         "PlanarFrame": _TYPE,
         "SolutionLike": _TYPE,
+        "Solved": _TYPE,
+        "TIME_STEP": "the key of the time step in a parameter vector, for low-level controllers",
         "SAME_TIME": "how close two times are that count as one",
         "Sample": _TYPE,
         "When": _TYPE,
@@ -47,6 +49,7 @@ INTERNAL: dict[str, dict[str, str]] = {
     },
     "solvers": {},
     "simulation": {
+        "Control": _TYPE,
         "MAX_SPEED": "the speed at which a simulation has diverged, for engines",
         "Policy": "of piaffe.ocp, where it is shown",
         "Progress": _TYPE,

@@ -1,7 +1,6 @@
 """A dual active-set method for small quadratic programs, in NumPy: the readable twin of ``template/dual.c``.
 
-After D. Goldfarb and A. Idnani, *A numerically stable dual method for solving strictly convex quadratic programs*,
-Mathematical Programming 27 (1983). Here a step is a least-squares problem; the C code updates its factors instead.
+After [Goldfarb1983Dual]. Here a step is a least-squares problem; the C code updates its factors instead.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ShapeError, SolverError, UnknownNameError
 from piaffe.ocp import LoweredMode, Manifold
 
-from .plan import PlanStage, StagedPlan
+from .plan import PlanStage, StagedPlan, modes_of, stage_at
 from .rows import ControlRows
 
 Array = NDArray[np.float64]
@@ -91,10 +91,10 @@ class LowLevel(ABC):
         damping: float = 1.0,
     ) -> None:
         self.plan, self.gains, self.damping = plan, gains, damping
-        self.rows = {mode: ControlRows(mode) for mode in plan.modes}
-        self._kept = {mode: kept(mode.state, leave_out, type(self).__name__) for mode in plan.modes}
+        self.rows = {mode: ControlRows(mode) for mode in modes_of(plan)}
+        self._kept = {mode: kept(mode.state, leave_out, type(self).__name__) for mode in modes_of(plan)}
         if gains is not None:
-            for mode in plan.modes:
+            for mode in modes_of(plan):
                 driven(mode)
         self.ticks = self.damped = 0
 
@@ -104,7 +104,7 @@ class LowLevel(ABC):
         Raises:
             ShapeError: the state has another size than the plan's at this time.
         """
-        state, at = np.asarray(x, dtype=float), self.plan.at(t)
+        state, at = np.asarray(x, dtype=float), stage_at(self.plan, t)
         if state.shape != at.x.shape:
             raise ShapeError(
                 f"{type(self).__name__}: state has the wrong size - got shape {state.shape}, expected {at.x.shape}; "

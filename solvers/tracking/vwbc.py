@@ -16,7 +16,7 @@ from piaffe.ocp import TIME_STEP, LoweredMode
 
 from ..qp import QpMethod, QpStatus, qp_method
 from .low_level import JointPD, LowLevel
-from .plan import PlanStage, StagedPlan
+from .plan import PlanStage, StagedPlan, modes_of, stage_at
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ class Vwbc(LowLevel):
     If the program has no solution, the control is ū + K δx within the bounds of single controls.
     ``statuses`` counts the results; ``last`` is the last tick.
 
-    After [He2024-CafeMpc, Sec. IV], whose program has accelerations and forces as variables; here they are eliminated.
+    After [Li2025CafeMpc], whose program has accelerations and forces as variables; here they are eliminated.
 
     Args:
         plan: the plan.
@@ -107,7 +107,7 @@ class Vwbc(LowLevel):
     ) -> None:
         super().__init__(plan, leave_out=leave_out, gains=gains, damping=damping)
         self._solve, self._gradient = qp_method(qp), 1.0 if step_feedforward else 0.0
-        self._changes = {mode: _changes(mode, slots or {}) for mode in plan.modes}
+        self._changes = {mode: _changes(mode, slots or {}) for mode in modes_of(plan)}
         self.statuses: Counter[QpStatus] = Counter()
         self.iterations: Counter[int] = Counter()
         self.last: VwbcTick | None = None
@@ -138,7 +138,7 @@ class Vwbc(LowLevel):
 
     def program(self, x: ArrayLike, t: float) -> Program:
         """Return the quadratic program of a state (nx,) at time t [s]."""
-        at, state = self.plan.at(t), np.asarray(x, dtype=float)
+        at, state = stage_at(self.plan, t), np.asarray(x, dtype=float)
         return self._program(at, state, at.mode.state.np_minus(state, at.x) * self._kept[at.mode])
 
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:

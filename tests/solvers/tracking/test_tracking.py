@@ -10,8 +10,8 @@ import pytest
 from piaffe import models, ocp, solvers
 from piaffe.errors import ProblemError, ShapeError, SolverError, UnknownNameError
 from piaffe.models import joints, stance
-from piaffe.solvers import FeedforwardPD, JointPD, QpStatus, Riccati, SolvedPlan, Vwbc
-from piaffe.solvers.tracking import ControlRows
+from piaffe.solvers import FeedforwardPD, JointPD, PlanPhase, QpStatus, Riccati, SolvedPlan, Vwbc
+from piaffe.solvers.tracking import ControlRows, stage_at
 from tests.problems import bouncing_ball, swing_up
 
 
@@ -53,18 +53,16 @@ class OneStage:
         rng = np.random.default_rng(0)
         root = rng.standard_normal((nu, nu))
         hessian, mixed = root @ root.T + np.eye(nu), 5 * rng.standard_normal((nu, ndx))
-        self.compiled, self.modes = compiled, (phase.mode,)
-        self.stage = solvers.PlanStage(
-            phase.mode, x, u, -np.linalg.solve(hessian, mixed), np.zeros(nu), mixed, hessian, phase.p[0],
-            phase.g_mask[0], phase.h_mask[0],
+        self.compiled = compiled
+        made = PlanPhase(
+            phase.mode, np.array([0.0, 0.01]), np.array([x, x]), u[None], -np.linalg.solve(hessian, mixed)[None],
+            np.zeros((1, nu)), mixed[None], hessian[None], phase.p[:1], phase.g_mask[:1], phase.h_mask[:1],
         )  # fmt: skip
-        self.stage = replace(self.stage, **changes)
+        self.phases = (replace(made, **{name: value[None] for name, value in changes.items()}),)
+        self.mode, self.stage = phase.mode, stage_at(self, 0.0)
 
     def row_name(self, mode, kind, row):
         return self.compiled.row_name(mode.rows[f"stage_{kind}"][row])
-
-    def at(self, t):
-        return self.stage
 
 
 @cache
@@ -180,12 +178,12 @@ def test_forces_are_those_of_the_continuous_dynamics():
     """With a step of zero length; the whole body computes them by its own numeric functions."""
     body, compiled, x, u = standing()
     plan, state = OneStage(compiled, x, u), pushed(compiled, x, 0.3)
-    rows = ControlRows(plan.modes[0])
+    rows = ControlRows(plan.phases[0].mode)
     p = plan.stage.p.copy()
     p[0] = 0.0
     made = rows(state, u, p, plan.stage.g_mask, plan.stage.h_mask)
     du = np.random.default_rng(0).standard_normal(12)
-    gain = {"gamma": p[plan.modes[0].layout.slots["gamma"]]}
+    gain = {"gamma": p[plan.phases[0].mode.layout.slots["gamma"]]}
     z = made.z + made.z_u @ du
     np.testing.assert_allclose(z[:18], body.acceleration(state, u + du, "FL HR", **gain), rtol=1e-8, atol=1e-8)
     forces = body.contact_forces(state, u + du, "FL HR", **gain)
@@ -278,8 +276,8 @@ def test_a_row_that_is_not_affine_is_linearised_at_the_plan():
     compiled = ocp.compile_problem(power())
     solution = solvers.MSiLQR(compiled, backend="numpy").solve().raise_if_failed()
     plan = SolvedPlan(solution, compiled)
-    controller, planned = Vwbc(plan), plan.at(0.0).u[0]
-    assert controller.rows[plan.modes[0]].not_affine == (0,)
+    controller, planned = Vwbc(plan), plan.phases[0].controls[0, 0]
+    assert controller.rows[plan.phases[0].mode].not_affine == (0,)
     u = controller.control([-3.0, 0.0], 0.0)[0]
     assert 400 - planned**2 - 2 * planned * (u - planned) == pytest.approx(0.0, abs=1e-6)
 
@@ -309,11 +307,11 @@ def test_a_problem_without_such_rows_is_warned_of():
 def test_states_are_not_interpolated_across_a_reset():
     compiled, solution = solved(bouncing_ball)
     plan, before = SolvedPlan(solution, compiled), solution.trajectory.phases[0]
-    down, up = plan.at(0.45 - 1e-6).x, plan.at(0.45).x
+    down, up = stage_at(plan, 0.45 - 1e-6).x, stage_at(plan, 0.45).x
     np.testing.assert_allclose(down, before.states[-1], atol=1e-4)
     np.testing.assert_allclose(up, solution.trajectory.phases[1].states[0], atol=1e-12)
     assert down[1] < -2 < 2 < up[1]
-    middle = plan.at(before.times[3] + 0.25 * 0.025)
+    middle = stage_at(plan, before.times[3] + 0.25 * 0.025)
     np.testing.assert_allclose(middle.x, 0.75 * before.states[3] + 0.25 * before.states[4])
     np.testing.assert_allclose(middle.u, before.controls[3])
 
@@ -321,9 +319,9 @@ def test_states_are_not_interpolated_across_a_reset():
 def test_before_and_after_the_plan_its_first_and_last_stage_apply():
     compiled, solution = solved(bouncing_ball)
     plan = SolvedPlan(solution, compiled)
-    assert plan.at(-1.0).u == solution.trajectory.phases[0].controls[0]
-    assert plan.at(9.0).u == solution.trajectory.phases[1].controls[-1]
-    np.testing.assert_allclose(plan.at(9.0).x, solution.trajectory.phases[1].states[-1])
+    assert stage_at(plan, -1.0).u == solution.trajectory.phases[0].controls[0]
+    assert stage_at(plan, 9.0).u == solution.trajectory.phases[1].controls[-1]
+    np.testing.assert_allclose(stage_at(plan, 9.0).x, solution.trajectory.phases[1].states[-1])
 
 
 def test_a_solution_of_another_problem_is_refused():
