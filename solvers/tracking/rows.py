@@ -81,7 +81,9 @@ class ControlRows:
         )
         every = len(mode.rows["stage_g"])
         self.left_out = tuple(i for i in range(every) if i not in set(self.g))
+        self.symbols, self.by_g, self.by_h, self.values = (x, u, z, p), by_g, by_h, (found, found_h)
         r_w = cs.jacobian(implicit["r0"] + implicit["K"] @ z, u)
+        self.system = implicit["K"], implicit["r0"], r_w
         self._implicit = Vectorised(
             cs.Function(
                 "condensed",

@@ -6,19 +6,23 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ShapeError, UnknownNameError
+from piaffe.errors import ShapeError, SolverError, UnknownNameError
 from piaffe.ocp import TIME_STEP, LoweredMode
 
 from ..qp import QpMethod, QpStatus, qp_method
 from .low_level import JointPD, LowLevel
+from .native import NativeTick, tick_library
 from .plan import PlanStage, StagedPlan, modes_of, stage_at
 
 Array = NDArray[np.float64]
+Backend = Literal["native", "numpy"]
+
+_STATUSES = tuple(QpStatus)
 
 
 class Program(NamedTuple):
@@ -87,6 +91,7 @@ class Vwbc(LowLevel):
         slots: other values of the model's slots in the low level, by name, as ``{"gamma": 20.0}``.
         qp: method of the quadratic program, see :func:`solve_qp`.
         step_feedforward: whether the gradient Q_u counts.
+        backend: ``"native"``: the whole tick in C; ``"numpy"`` is the readable reference, also without a compiler.
 
     Raises:
         UnknownNameError: no model has such a slot, or no state such a component.
@@ -104,10 +109,18 @@ class Vwbc(LowLevel):
         slots: Mapping[str, ArrayLike] | None = None,
         qp: QpMethod = "own",
         step_feedforward: bool = True,
+        backend: Backend = "native",
     ) -> None:
+        if backend not in ("native", "numpy"):
+            raise SolverError(f"vwbc: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one")
         super().__init__(plan, leave_out=leave_out, gains=gains, damping=damping)
         self._solve, self._gradient = qp_method(qp), 1.0 if step_feedforward else 0.0
         self._changes = {mode: _changes(mode, slots or {}) for mode in modes_of(plan)}
+        self._tick = self._native() if backend == "native" and qp == "own" else None
+        self._modes = modes_of(plan)
+        self._row_names = {
+            mode: [plan.row_name(mode, "g", i) for i in range(len(mode.rows["stage_g"]))] for mode in self._modes
+        }
         self.statuses: Counter[QpStatus] = Counter()
         self.iterations: Counter[int] = Counter()
         self.last: VwbcTick | None = None
@@ -136,15 +149,61 @@ class Vwbc(LowLevel):
         """Number of ticks whose program had no solution."""
         return sum(count for status, count in self.statuses.items() if status is not QpStatus.SOLVED)
 
+    @property
+    def backend(self) -> Backend:
+        """The implementation in use; ``"numpy"`` also without a compiler, and for other methods of the program."""
+        return "numpy" if self._tick is None else "native"
+
+    def _native(self) -> NativeTick | None:
+        """Return the tick in C with the plan in its memory; None if no compiler works."""
+        modes = modes_of(self.plan)
+        library = tick_library(modes, self.rows)
+        if library is None:
+            return None
+        nu, gains = modes[0].nu, None
+        if self.gains is not None:
+            gains = np.broadcast_to(self.gains.kp, nu) + 0.0, np.broadcast_to(self.gains.kd, nu) + 0.0
+        parameters = [self._changed(phase.mode, phase.p) for phase in self.plan.phases]
+        return NativeTick(library, self.plan, parameters, self._kept, gains, self.damping, self._gradient)
+
+    def control(self, x: ArrayLike, t: float) -> Array:
+        """Return the control of a state (nx,) at time t [s], (nu,).
+
+        Raises:
+            ShapeError: the state has another size than the plan's.
+        """
+        state = np.asarray(x, dtype=float)
+        if self._tick is None or state.shape != self.plan.phases[0].states.shape[1:]:
+            self.last = VwbcTick(None, 0, ())
+            return super().control(state, t)
+        u, told = self._tick(state, t), self._tick.outcome
+        self.ticks += 1
+        self.damped += told.damped
+        status = None if told.status < 0 else _STATUSES[told.status]
+        if status is not None:
+            self.statuses[status] += 1
+            self.iterations[told.iterations] += 1
+        rows = self._tick.active[: told.num_active]
+        active = tuple(self._row_names[self._modes[told.mode]][i] for i in rows) if len(rows) else ()
+        self.last = VwbcTick(status, told.iterations, active)
+        return u
+
+    __call__ = control
+
+    def _changed(self, mode: LoweredMode, p: Array) -> Array:
+        """Return parameters of stages in the low level, (..., np)."""
+        changed = p.copy()
+        for where, value in self._changes[mode]:
+            changed[..., where] = value
+        return changed
+
     def program(self, x: ArrayLike, t: float) -> Program:
         """Return the quadratic program of a state (nx,) at time t [s]."""
         at, state = stage_at(self.plan, t), np.asarray(x, dtype=float)
         return self._program(at, state, at.mode.state.np_minus(state, at.x) * self._kept[at.mode])
 
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:
-        p = at.p.copy()
-        for where, value in self._changes[at.mode]:
-            p[where] = value
+        p = self._changed(at.mode, at.p)
         rows = self.rows[at.mode](x, at.u, p, at.g_mask, at.h_mask)
         slope = self._gradient * at.Q_u + at.Q_ux @ deviation
         return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows)
@@ -154,7 +213,7 @@ class Vwbc(LowLevel):
         result = self._solve(made.H, made.g, made.A, made.b, made.C, made.d, None)
         self.statuses[result.status] += 1
         self.iterations[result.iterations] += 1
-        active = tuple(self.plan.row_name(at.mode, "g", int(i)) for i in made.rows[result.active])
+        active = tuple(self._row_names[at.mode][i] for i in made.rows[result.active])
         self.last = VwbcTick(result.status, result.iterations, active)
         return at.u + (result.x if result.status is QpStatus.SOLVED else at.feedback @ deviation)
 
