@@ -19,6 +19,7 @@ from piaffe import models, ocp, solvers
 from piaffe.codegen import SOLVER_FLAGS, build, load, pointer
 from piaffe.models import base, feet, joints
 from piaffe.solvers.qp import QpStatus, qp_method
+from piaffe.solvers.tracking import stage_at
 
 COUNT, TURNS = 210, 50
 _TIMED = """
@@ -46,8 +47,8 @@ def swing(s: Any) -> Any:
     return 1 - s.feet.contact
 
 
-def programs() -> list[tuple[np.ndarray, ...]]:
-    """Return H, g, A, b, C, d of programs of a bound."""
+def bound() -> solvers.SolvedPlan:
+    """Return the plan of a bound."""
     body = models.WholeBody(models.load("mini_cheetah"))
     walking = ocp.Objective(
         ocp.track(base.position, weight=(0, 0, 50)), ocp.track(base.orientation, weight=2.0),
@@ -59,16 +60,26 @@ def programs() -> list[tuple[np.ndarray, ...]]:
     gait = models.gaits.bound(0.5).cycles(2)
     problem = ocp.Problem(gait, body.until_end(dt=0.01), walking, limits, initial=body.state(joints="stand"))
     compiled = ocp.compile_problem(problem)
-    solution = solvers.MSiLQR(compiled).solve().raise_if_failed()
-    controller = solvers.Vwbc(solvers.SolvedPlan(solution, compiled), slots={"gamma": 20.0})
-    rng, end, found = np.random.default_rng(0), solution.trajectory.phases[-1].times[-1], []
-    deviation = np.repeat([0.01, 0.04, 0.03, 0.3, 0.6, 0.8], [3, 3, 12, 3, 3, 12])
-    for i in range(COUNT):
-        planned = solution.policy.planned(rng.uniform(0.0, end))
-        size = (0.1, 0.3, 1.0)[i % 3]
-        x = planned.part.state.np_plus(planned.state, size * deviation * rng.standard_normal(36))
-        found.append(controller.program(x, float(planned.part.times[planned.stage]))[:6])
+    return solvers.SolvedPlan(solvers.MSiLQR(compiled).solve().raise_if_failed(), compiled)
+
+
+def states(plan: solvers.SolvedPlan, count: int) -> list[tuple[np.ndarray, float]]:
+    """Return states that are off a plan at random, a third of them far off, and their times [s]."""
+    rng, end = np.random.default_rng(0), float(plan.phases[-1].times[-1])
+    deviation, found = np.repeat([0.01, 0.04, 0.03, 0.3, 0.6, 0.8], [3, 3, 12, 3, 3, 12]), []
+    for i in range(count):
+        t = rng.uniform(0.0, end)
+        at = stage_at(plan, t)
+        off = (0.1, 0.3, 1.0)[i % 3] * deviation * rng.standard_normal(36)
+        found.append((at.mode.state.np_plus(at.x, off), t))
     return found
+
+
+def programs() -> list[tuple[np.ndarray, ...]]:
+    """Return H, g, A, b, C, d of programs of the bound."""
+    plan = bound()
+    controller = solvers.Vwbc(plan)
+    return [controller.program(x, t)[:6] for x, t in states(plan, COUNT)]
 
 
 def own(library: ct.CDLL, program: tuple[np.ndarray, ...]) -> tuple[int, float, int]:
