@@ -74,6 +74,22 @@ def test_trials_start_as_their_seeds_say() -> None:
     assert [trial.seed for trial in execute(Bow(), problem(), seeds=3).trials] == [0, 1, 2]
 
 
+def test_a_low_level_controller_acts_in_place_of_the_policy() -> None:
+    policy, times = Policy(*bow()), []
+
+    def control(x: np.ndarray, t: float) -> np.ndarray:
+        times.append(t)
+        return policy.control(x, t)
+
+    usual, same = execute(Bow(), problem(), seeds=2), execute(Bow(), problem(), seeds=2, control=control)
+    assert [trial.position for trial in same.trials] == [trial.position for trial in usual.trials]
+    np.testing.assert_allclose(times[:201], np.arange(201) * 1e-3, atol=1e-12)
+    limp = execute(Bow(), problem(), seeds=2, control=lambda x, t: np.zeros(12))
+    assert limp.median_error > 2 * usual.median_error
+    run = run_policy(policy, torque_plant(ROBOT, friction=0.7), control=lambda x, t: np.full(12, 50.0))
+    assert run.full.all()
+
+
 def test_friction_is_the_declared_one_also_after_a_change() -> None:
     assert declared_friction(problem(0.35)) == 0.35
     assert declared_friction(problem(None)) == 0.6
