@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from piaffe.codegen import SOLVER_FLAGS, NoCompilerError, build, generate, load
 from piaffe.ocp import LoweredMode
 
-from .plan import PlanPhase, StagedPlan, modes_of
+from .plan import PlanPhase, StagedPlan
 from .rows import ControlRows
 
 Array = NDArray[np.float64]
@@ -25,13 +25,14 @@ _ARRAYS = ("times", "x", "u", "K", "Q_u", "Q_ux", "Q_uu", "p", "g_mask", "h_mask
 
 
 class _Phase(ct.Structure):
-    _fields_ = [("mode", ct.c_int), ("stages", ct.c_int), *((name, ct.c_void_p) for name in _ARRAYS)]
+    _fields_ = [("mode", ct.c_int), ("stages", ct.c_int), *((name, ct.c_void_p) for name in (*_ARRAYS, "measured_at"))]
 
 
 class _LowLevel(ct.Structure):
     _fields_ = [
-        ("num_phases", ct.c_int), ("gains", ct.c_int), ("phases", ct.c_void_p), ("kp", ct.c_void_p),
-        ("kd", ct.c_void_p), ("damping", ct.c_double), ("gradient", ct.c_double),
+        ("num_phases", ct.c_int), ("gains", ct.c_int), ("num_measured", ct.c_int), ("phases", ct.c_void_p),
+        ("kp", ct.c_void_p), ("kd", ct.c_void_p), ("measured", ct.c_void_p), ("damping", ct.c_double),
+        ("gradient", ct.c_double),
     ]  # fmt: skip
 
 
@@ -45,7 +46,12 @@ class Outcome(ct.Structure):
 
 
 def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, ControlRows]) -> ct.CDLL | None:
-    """Return the compiled tick of some modes; None if no compiler works, or if ∂r/∂u depends on z in a mode."""
+    """Return the compiled tick of some modes; None if no compiler works.
+
+    It is also None if the modes are of several models, or if ∂r/∂u depends on z in one.
+    """
+    if len({mode.model for mode in modes}) > 1:
+        return None
     if any(cs.depends_on(rows[mode].system[2], rows[mode].symbols[2]) for mode in modes if mode.nz):
         return None
     try:
@@ -94,6 +100,8 @@ def _functions(rows: ControlRows) -> dict[str, cs.Function]:
         system = cs.densify(cs.horzcat(*rows.system)).T
         found["implicit"] = cs.Function("implicit", [x, u, p], [system], {"cse": True})
     if rows.g or rows.h:
+        weights = rows.mode.functions["stage_w"].call({"p": p})
+        found["masks"] = cs.Function("masks", [p], [weights["g_mask"], weights["h_mask"]])
         by = cs.vertcat(rows.by_g, rows.by_h)
         value, by_u, by_z = cs.vertcat(*rows.values), cs.densify(by[:, :nu]).T, cs.sparsify(by[:, nu:])
         entries = by_z.nz[:] if by_z.nnz() else cs.SX(1, 1)
@@ -135,8 +143,9 @@ class NativeTick:
 
     Args:
         library: the compiled tick of the plan's modes.
+        modes: the modes of the library.
         plan: the plan.
-        parameters: parameters of each phase in the low level (N, np).
+        numbers: parameters of each phase in the low level (N, np), and masks of its inequality and equality rows.
         kept: per mode, 0 for components of the tangent that do not count (ndx,).
         gains: kp and kd (nu,); None for none.
         damping: of the last resort.
@@ -146,27 +155,36 @@ class NativeTick:
     def __init__(
         self,
         library: ct.CDLL,
+        modes: Sequence[LoweredMode],
         plan: StagedPlan,
-        parameters: Sequence[Array],
+        numbers: Sequence[tuple[Array, Array, Array]],
         kept: Mapping[LoweredMode, Array],
         gains: tuple[Array, Array] | None,
         damping: float,
         gradient: float,
     ) -> None:
-        modes = modes_of(plan)
+        self._phases_of_plan = plan.phases
         self._kept_alive: list[Any] = []
         phases = (_Phase * len(plan.phases))()
-        for target, phase, p in zip(phases, plan.phases, parameters, strict=True):
-            arrays = self._arrays(phase, p, kept[phase.mode])
+        for target, phase, own in zip(phases, plan.phases, numbers, strict=True):
+            arrays = self._arrays(phase, own, kept[phase.mode])
             target.mode, target.stages = modes.index(phase.mode), len(phase.controls)
             for name, array in zip(_ARRAYS, arrays, strict=True):
                 setattr(target, name, array.ctypes.data)
         nu = modes[0].nu
         kp, kd = (self._keep(part) for part in (gains or (np.zeros(nu), np.zeros(nu))))
         self._low = _LowLevel(
-            len(phases), int(gains is not None), ct.addressof(phases), kp.ctypes.data, kd.ctypes.data, damping, gradient
+            len(phases),
+            int(gains is not None),
+            0,
+            ct.addressof(phases),
+            kp.ctypes.data,
+            kd.ctypes.data,
+            None,
+            damping,
+            gradient,
         )
-        self._kept_alive.append(phases)
+        self._phases = phases
         most = max(len(mode.rows["stage_g"]) for mode in modes)
         self.active = np.zeros(max(most, 1), dtype=np.int32)
         self.outcome = Outcome(active=self.active.ctypes.data)
@@ -183,14 +201,27 @@ class NativeTick:
         self._call(low, state, t, control, outcome)
         return self._u.copy()
 
+    def measure(self, slots: Mapping[LoweredMode, Sequence[tuple[slice, Array]]]) -> None:
+        """Set parameters of each mode in the following ticks, as places and values."""
+        places, values = {}, np.zeros(0)
+        for mode, changes in slots.items():
+            at = [np.arange(where.start, where.stop) for where, _ in changes]
+            own = [np.broadcast_to(value, each.shape) for (_, value), each in zip(changes, at, strict=True)]
+            places[mode] = np.concatenate([np.zeros(0), *at]).astype(np.int32)
+            values = np.concatenate([np.zeros(0), *own])
+        self._measured = places, values
+        for target, phase in zip(self._phases, self._phases_of_plan, strict=True):
+            target.measured_at = places[phase.mode].ctypes.data
+        self._low.measured, self._low.num_measured = values.ctypes.data, len(values)
+
     def _keep(self, values: Array) -> Array:
         array = np.ascontiguousarray(values, dtype=float)
         self._kept_alive.append(array)
         return array
 
-    def _arrays(self, phase: PlanPhase, p: Array, kept: Array) -> list[Array]:
+    def _arrays(self, phase: PlanPhase, numbers: tuple[Array, Array, Array], kept: Array) -> list[Array]:
         tables = (
-            phase.times, phase.states, phase.controls, phase.feedback, phase.Q_u, phase.Q_ux, phase.Q_uu, p,
-            phase.g_mask, phase.h_mask, kept,
+            phase.times, phase.states, phase.controls, phase.feedback, phase.Q_u, phase.Q_ux, phase.Q_uu,
+            *numbers, kept,
         )  # fmt: skip
         return [self._keep(table) for table in tables]

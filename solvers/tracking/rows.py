@@ -102,6 +102,7 @@ class ControlRows:
                 "control_rows", [x, u, z, p], list(outs.values()), ["x", "u", "z", "p"], list(outs), {"cse": True}
             )
         )
+        self._masks = Vectorised(f["stage_w"])
         self.mode = mode
 
     def limits(self, x: Array, p: Array, g_mask: Array) -> tuple[Array, Array]:
@@ -125,6 +126,11 @@ class ControlRows:
             elif g_mask[row] > 0 and slope < 0:
                 upper[control] = min(upper[control], -g[0, i] / slope)
         return lower, upper
+
+    def masks(self, p: Array) -> tuple[Array, Array]:
+        """Return the masks of all rows for parameters (n, np): inequality (n, ng) and equality (n, nh)."""
+        _, g, h = self._masks(p)
+        return g, h
 
     def __call__(self, x: Array, u: Array, p: Array, g_mask: Array, h_mask: Array) -> Condensed:
         """Return the rows about a control.

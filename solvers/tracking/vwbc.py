@@ -94,7 +94,7 @@ class Vwbc(LowLevel):
         backend: ``"native"``: the whole tick in C; ``"numpy"`` is the readable reference, also without a compiler.
 
     Raises:
-        UnknownNameError: no model has such a slot, or no state such a component.
+        UnknownNameError: a model has no such slot, or no state such a component.
         ShapeError: a slot has another size.
         SolverError: the method is unknown.
     """
@@ -115,9 +115,13 @@ class Vwbc(LowLevel):
             raise SolverError(f"vwbc: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one")
         super().__init__(plan, leave_out=leave_out, gains=gains, damping=damping)
         self._solve, self._gradient = qp_method(qp), 1.0 if step_feedforward else 0.0
-        self._changes = {mode: _changes(mode, slots or {}) for mode in modes_of(plan)}
-        self._tick = self._native() if backend == "native" and qp == "own" else None
         self._modes = modes_of(plan)
+        self._changes = {
+            mode: [(mode.layout.slices[TIME_STEP], np.zeros(1)), *_changes(mode, slots or {})] for mode in self._modes
+        }
+        self._measured: dict[LoweredMode, list[tuple[slice, Array]]] = {mode: [] for mode in self._modes}
+        self._wants_native = backend == "native" and qp == "own"
+        self._tick = self._native() if self._wants_native else None
         self._row_names = {
             mode: [plan.row_name(mode, "g", i) for i in range(len(mode.rows["stage_g"]))] for mode in self._modes
         }
@@ -156,15 +160,53 @@ class Vwbc(LowLevel):
 
     def _native(self) -> NativeTick | None:
         """Return the tick in C with the plan in its memory; None if no compiler works."""
-        modes = modes_of(self.plan)
-        library = tick_library(modes, self.rows)
+        library = tick_library(self._modes, self.rows)
         if library is None:
             return None
-        nu, gains = modes[0].nu, None
+        nu, gains = self._modes[0].nu, None
         if self.gains is not None:
             gains = np.broadcast_to(self.gains.kp, nu) + 0.0, np.broadcast_to(self.gains.kd, nu) + 0.0
-        parameters = [self._changed(phase.mode, phase.p) for phase in self.plan.phases]
-        return NativeTick(library, self.plan, parameters, self._kept, gains, self.damping, self._gradient)
+        numbers = [
+            (p, *self.rows[phase.mode].masks(p))
+            for phase in self.plan.phases
+            for p in (_written(phase.p, self._changes[phase.mode]),)
+        ]
+        return NativeTick(library, self._modes, self.plan, numbers, self._kept, gains, self.damping, self._gradient)
+
+    def follow(self, plan: StagedPlan) -> None:
+        """Follow another plan with the same modes from now on; nothing is compiled.
+
+        Raises:
+            SolverError: the plan has a mode that the first one does not have.
+        """
+        if not set(modes_of(plan)) <= set(self._modes):
+            others = ", ".join(f"'{mode.model.name}' {mode.key}" for mode in modes_of(plan) if mode not in self._modes)
+            raise SolverError(
+                f"vwbc: the plan has other modes - got {others}, expected modes of the first plan; compile both "
+                "problems in one process with the same model and terms, or make another controller"
+            )
+        self.plan = plan
+        if self._tick is not None:
+            self._tick = self._native()
+            self._tell()
+
+    def measure(self, slots: Mapping[str, ArrayLike] | None = None) -> None:
+        """Set slots of the models in the following ticks, in place of the plan's; masks of rows follow.
+
+        ``controller.measure({"contact": flags})`` replaces the scheduled contacts by measured ones, (nf,);
+        ``controller.measure()`` returns to the schedule. The action value stays the plan's.
+
+        Raises:
+            UnknownNameError: a model has no such slot.
+            ShapeError: a slot has another size.
+        """
+        self._measured = {mode: _changes(mode, slots or {}) for mode in self._modes}
+        self._tell()
+
+    def _tell(self) -> None:
+        """Write what is measured into the memory of the tick in C."""
+        if self._tick is not None:
+            self._tick.measure(self._measured)
 
     def control(self, x: ArrayLike, t: float) -> Array:
         """Return the control of a state (nx,) at time t [s], (nu,).
@@ -190,21 +232,14 @@ class Vwbc(LowLevel):
 
     __call__ = control
 
-    def _changed(self, mode: LoweredMode, p: Array) -> Array:
-        """Return parameters of stages in the low level, (..., np)."""
-        changed = p.copy()
-        for where, value in self._changes[mode]:
-            changed[..., where] = value
-        return changed
-
     def program(self, x: ArrayLike, t: float) -> Program:
         """Return the quadratic program of a state (nx,) at time t [s]."""
         at, state = stage_at(self.plan, t), np.asarray(x, dtype=float)
         return self._program(at, state, at.mode.state.np_minus(state, at.x) * self._kept[at.mode])
 
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:
-        p = self._changed(at.mode, at.p)
-        rows = self.rows[at.mode](x, at.u, p, at.g_mask, at.h_mask)
+        own, p = self.rows[at.mode], _written(at.p, self._changes[at.mode] + self._measured[at.mode])
+        rows = own(x, at.u, p, *(mask[0] for mask in own.masks(p[None])))
         slope = self._gradient * at.Q_u + at.Q_ux @ deviation
         return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows)
 
@@ -218,9 +253,17 @@ class Vwbc(LowLevel):
         return at.u + (result.x if result.status is QpStatus.SOLVED else at.feedback @ deviation)
 
 
+def _written(p: Array, changes: Sequence[tuple[slice, Array]]) -> Array:
+    """Return parameters of stages with other values in some places, (..., np)."""
+    changed = p.copy()
+    for where, value in changes:
+        changed[..., where] = value
+    return changed
+
+
 def _changes(mode: LoweredMode, slots: Mapping[str, ArrayLike]) -> list[tuple[slice, Array]]:
-    """Return parts of the parameter vector and their values in the low level."""
-    changes = [(mode.layout.slices[TIME_STEP], np.zeros(1))]
+    """Return the places of slots in the parameter vector, and their values."""
+    changes = []
     for name, given in slots.items():
         if name not in mode.layout.slots:
             raise UnknownNameError(f"vwbc, model '{mode.model.name}'", "slot", name, mode.layout.slots)

@@ -10,13 +10,15 @@
 struct phase { /* of the plan, with N stages; arrays are row by row */
     int mode, stages;
     const double *times, *x, *u, *K, *Q_u, *Q_ux, *Q_uu, *p, *g_mask, *h_mask;
-    const double *kept; /* (ndx), 0 for components that do not count */
+    const double *kept;     /* (ndx), 0 for components that do not count */
+    const int *measured_at; /* places in p of what is measured */
 };
 
 struct low_level {
-    int num_phases, gains;
+    int num_phases, gains, num_measured;
     const struct phase *phases;
-    const double *kp, *kd; /* (nu) */
+    const double *kp, *kd;  /* (nu) */
+    const double *measured; /* parameters in place of the plan's */
     double damping, gradient;
 };
 

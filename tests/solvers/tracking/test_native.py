@@ -47,6 +47,11 @@ def test_a_thousand_ticks_of_a_robot(options):
         state = pushed(compiled, x, size, seed)
         state[:2] += 0.1 * size
         compare(twins, state, 0.0)
+    for flags in ((0, 0, 0, 0), (1, 1, 1, 1), (0, 1, 0, 1)):
+        for each in twins:
+            each.measure({"contact": flags, "gamma": 5.0})
+        for seed in range(50):
+            compare(twins, pushed(compiled, x, 0.2, seed), 0.0)
     assert set(twins[0].statuses) == {QpStatus.SOLVED, QpStatus.INFEASIBLE}
     assert twins[0].statuses[QpStatus.SOLVED] > 500
     assert max(twins[0].iterations) > 10

@@ -236,6 +236,48 @@ def test_slots_of_the_model_can_have_other_values():
         Vwbc(plan, slots={"gravity": (0, 1)})
 
 
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_measured_contacts_replace_those_of_the_schedule(backend):
+    _, compiled, x, u = standing()
+    controller = Vwbc(OneStage(compiled, x, u), backend=backend)
+
+    def presses(state):
+        controller.control(state, 0.0)
+        return any("friction cone" in name for name in controller.last.active)
+
+    state = next(s for s in (pushed(compiled, x, 0.3, seed) for seed in range(20)) if presses(s))
+    scheduled = controller.control(state, 0.0)
+    controller.measure({"contact": np.zeros(4)})
+    flying = controller.control(state, 0.0)
+    assert not any("friction cone" in name for name in controller.last.active)
+    assert len(controller.program(state, 0.0).d) == 24
+    assert np.abs(flying - scheduled).max() > 0.1
+    controller.measure({"contact": (1, 0, 0, 1)})
+    np.testing.assert_array_equal(controller.control(state, 0.0), scheduled)
+    controller.measure({"contact": (1, 1, 1, 1)})
+    assert len(controller.program(state, 0.0).d) == 44
+    controller.measure()
+    np.testing.assert_array_equal(controller.control(state, 0.0), scheduled)
+    with pytest.raises(UnknownNameError, match="no slot 'contacts'"):
+        controller.measure({"contacts": 1})
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_another_plan_is_followed_without_a_new_controller(backend):
+    _, compiled, x, u = standing()
+    first, second = OneStage(compiled, x, u), OneStage(compiled, x, 0.5 * u, Q_u=np.ones(12))
+    controller, state = Vwbc(first, backend=backend), pushed(compiled, x, 0.1)
+    controller.measure({"gamma": 10.0})
+    before = controller.control(state, 0.0)
+    controller.follow(second)
+    fresh = Vwbc(second, backend=backend)
+    fresh.measure({"gamma": 10.0})
+    np.testing.assert_array_equal(controller.control(state, 0.0), fresh.control(state, 0.0))
+    assert np.abs(before - controller.control(state, 0.0)).max() > 0.1
+    with pytest.raises(SolverError, match="the plan has other modes - got 'ball' fall, expected modes of the first"):
+        controller.follow(plan_of(bouncing_ball))
+
+
 # ---- which rows
 
 
