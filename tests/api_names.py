@@ -20,7 +20,6 @@ INTERNAL: dict[str, dict[str, str]] = {
         "Kind": _TYPE,
         "PlanarFrame": _TYPE,
         "SolutionLike": _TYPE,
-        "Solved": _TYPE,
         "TIME_STEP": "the key of the time step in a parameter vector, for low-level controllers",
         "SAME_TIME": "how close two times are that count as one",
         "Sample": _TYPE,
