@@ -79,7 +79,7 @@ class Vwbc(LowLevel):
     its tick many times within a step of the plan.
 
     If the program has no solution, the control is ū + K δx within the bounds of single controls.
-    ``statuses`` counts the results; ``last`` is the last tick.
+    ``statuses`` counts the results; ``last`` is the last tick. One controller serves one thread.
 
     After [Li2025CafeMpc], whose program has accelerations and forces as variables; here they are eliminated.
 

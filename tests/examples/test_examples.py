@@ -14,7 +14,7 @@ import pytest
 
 from piaffe import models, ocp, sampling, solvers
 from piaffe.models import measures
-from piaffe.simulation import execute
+from piaffe.simulation import Perturbation, execute
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FILES = sorted(EXAMPLES.glob("*.py"))
@@ -176,6 +176,21 @@ def test_the_policy_follows_the_plan_in_simulation(file, name, load):
     assert made.friction == 0.6
     assert made.followed == 3, "\n".join(map(str, made.trials))
     assert made.median_error <= 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("file", "name", "size"), [("barrel_roll", "problem", 2), ("gaits", "bound", 3)])
+def test_vwbc_follows_plans_from_starts_that_are_too_far_for_the_policy(file, name, size, load):
+    problem = getattr(load(file), name)
+    solution = solvers.MSiLQR(problem).solve().raise_if_failed()
+    options = {"seeds": 20, "perturbation": Perturbation().scaled(size)}
+    controller = solvers.Vwbc(solvers.SolvedPlan(solution, problem))
+    policy = execute(solution, problem, **options)
+    made = execute(solution, problem, control=controller.control, **options)
+    assert policy.followed < 20
+    assert made.followed == 20, "\n".join(map(str, made.trials))
+    assert controller.fallbacks < 0.001 * controller.ticks
+    assert controller.damped == 0
 
 
 @pytest.mark.parametrize("name", ["bound", "pronk", "pace", "flying_trot", "trot", "walk"])
