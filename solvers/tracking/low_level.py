@@ -130,7 +130,12 @@ class LowLevel(ABC):
 
     def bounded(self, at: PlanStage, x: Array, u: Array) -> Array:
         """Return a control within the declared bounds of single controls at a state, (nu,)."""
-        return np.clip(u, *self.rows[at.mode].limits(x, at.p, at.g_mask))
+        p, g_mask, _ = self._numbers(at)
+        return np.clip(u, *self.rows[at.mode].limits(x, p, g_mask))
+
+    def _numbers(self, at: PlanStage) -> tuple[Array, Array, Array]:
+        """Return the parameters of a stage, and the masks of its inequality and equality rows."""
+        return at.p, at.g_mask, at.h_mask
 
     def _damp(self, mode: LoweredMode, x: Array) -> Array:
         """Return −damping v of the joints; zero for speeds that are not finite or that the state does not have."""

@@ -55,22 +55,23 @@ def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, Contro
     if any(cs.depends_on(rows[mode].system[2], rows[mode].symbols[2]) for mode in modes if mode.nz):
         return None
     try:
-        return _library(tuple(rows[mode] for mode in modes))
+        return _library(tuple(modes))
     except NoCompilerError:
         return None
 
 
 @lru_cache(maxsize=16)
-def _library(modes: tuple[ControlRows, ...]) -> ct.CDLL:
+def _library(modes: tuple[LoweredMode, ...]) -> ct.CDLL:
     functions: dict[str, cs.Function] = {}
-    for i, rows in enumerate(modes):
+    every = [ControlRows(mode) for mode in modes]
+    for i, rows in enumerate(every):
         functions |= {f"tick{i}_{name}": f for name, f in _functions(rows).items()}
     made = generate(functions)
     template = files(__package__).joinpath("template")
     texts = {name: template.joinpath(name).read_text(encoding="utf-8") for name in ("tick.h", "tick.c", "mode.inc")}
     dual = files("piaffe.solvers.qp").joinpath("template", "dual.c").read_text(encoding="utf-8")
     names = [f"tick{i}_tick" for i in range(len(modes))]
-    parts = [_kernel(i, rows, made.work) for i, rows in enumerate(modes)]
+    parts = [_kernel(i, rows, made.work) for i, rows in enumerate(every)]
     unit = texts["tick.c"].replace("TICK_PROTOTYPES", "\n".join(parts)).replace("TICK_FUNCTIONS", ", ".join(names))
     headers = {**made.headers, "tick.h": texts["tick.h"], "mode.inc": texts["mode.inc"], "dual.c": dual}
     units = [*((each.name, each.text) for each in made.units), ("tick", unit)]
@@ -83,12 +84,8 @@ def _library(modes: tuple[ControlRows, ...]) -> ct.CDLL:
 def _functions(rows: ControlRows) -> dict[str, cs.Function]:
     """Return the functions of a mode; matrices are dense and row by row, ∂rows/∂z are its nonzeros."""
     (x, u, z, p), space, nu = rows.symbols, rows.mode.state, rows.mode.nu
-    begin, end, share, measured = (
-        cs.SX.sym("a", space.nx),
-        cs.SX.sym("b", space.nx),
-        cs.SX.sym("s"),
-        cs.SX.sym("m", space.nx),
-    )
+    begin, end, measured = (cs.SX.sym(name, space.nx) for name in ("begin", "end", "measured"))
+    share = cs.SX.sym("share")
     nominal = space.plus(begin, share * space.minus(end, begin))
     deviation = space.minus(measured, nominal)
     found = {

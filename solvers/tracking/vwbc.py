@@ -238,10 +238,14 @@ class Vwbc(LowLevel):
         return self._program(at, state, at.mode.state.np_minus(state, at.x) * self._kept[at.mode])
 
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:
-        own, p = self.rows[at.mode], _written(at.p, self._changes[at.mode] + self._measured[at.mode])
-        rows = own(x, at.u, p, *(mask[0] for mask in own.masks(p[None])))
+        rows = self.rows[at.mode](x, at.u, *self._numbers(at))
         slope = self._gradient * at.Q_u + at.Q_ux @ deviation
         return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows)
+
+    def _numbers(self, at: PlanStage) -> tuple[Array, Array, Array]:
+        p = _written(at.p, self._changes[at.mode] + self._measured[at.mode])
+        g_mask, h_mask = self.rows[at.mode].masks(p[None])
+        return p, g_mask[0], h_mask[0]
 
     def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
         made = self._program(at, x, deviation)
