@@ -98,8 +98,8 @@ def verify(
         from piaffe.simulation import Perturbation, execute
 
         chosen = range(first_seed, first_seed + seeds)
-        spread = Perturbation().scaled(perturbation)
-        run = execute(loaded, compiled, seeds=chosen, friction=friction, perturbation=spread)
+        starts = Perturbation().scaled(perturbation)
+        run = execute(loaded, compiled, seeds=chosen, friction=friction, perturbation=starts)
         values["simulation"], played = simulation_values(run), run.holds
         if not json:
             print_execution(terminal(), run)

@@ -160,15 +160,15 @@ def execute(
     robot, ground = declared_robot(compiled), declared_ground(compiled)
     plant = torque_plant(robot, timestep=timestep, friction=mu, ground=ground)
     policy = Policy.of(solution, plant.state.nx)
-    steps, spread = sampled(policy, timestep), perturbation or Perturbation()
+    steps, starts = sampled(policy, timestep), perturbation or Perturbation()
     stances = _stances(compiled, steps, robot)
     trials = []
     for seed in chosen:
-        run = play(steps, plant, spread.around(plant, policy.initial, seed), control)
+        run = play(steps, plant, starts.around(plant, policy.initial, seed), control)
         trials.append(_trial(seed, run, stances, policy, robot))
         if progress is not None:
             progress(trials[-1])
-    return Execution(tuple(trials), policy.end - policy.start, mu, spread)
+    return Execution(tuple(trials), policy.end - policy.start, mu, starts)
 
 
 def declared_friction(compiled: CompiledProblem) -> float:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ModelError
+from piaffe.errors import ModelError, PiaffeError
 from piaffe.models import Mujoco, base, joints
 
 Array = NDArray[np.float64]
@@ -38,13 +39,7 @@ class Perturbation:
     angular_velocity: float = 0.050
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not (isinstance(value, int | float) and 0 <= value < float("inf")):
-                raise ModelError(
-                    f"perturbation: {field.name} is out of range - got {value!r}, expected a standard deviation, at "
-                    "least 0; change it"
-                )
+        check_deviations(self, "perturbation", ModelError)
 
     def scaled(self, factor: float) -> Perturbation:
         """Return the perturbation with all standard deviations times a factor."""
@@ -77,3 +72,14 @@ def _lowest(model: Mujoco, x: Array) -> float:
     where = model.state.slices
     pose = (x[None, where[quantity]] for quantity in (base.position, base.orientation, joints.position))
     return float(model.kinematics.world_feet(*pose)[..., 2].min())
+
+
+def check_deviations(given: Any, where: str, error: type[PiaffeError]) -> None:
+    """Raise an error of this class if a field of a dataclass is not a standard deviation: finite, at least 0."""
+    for field in fields(given):
+        value = getattr(given, field.name)
+        if isinstance(value, bool) or not (isinstance(value, int | float) and 0 <= value < float("inf")):
+            raise error(
+                f"{where}: {field.name} is out of range - got {value!r}, expected a standard deviation, at least 0; "
+                "change it"
+            )

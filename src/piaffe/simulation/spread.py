@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SamplingError
 from piaffe.models import base, joints
+
+from .perturbation import check_deviations
 
 Array = NDArray[np.float64]
 
@@ -36,13 +38,7 @@ class Spread:
     angular_velocity: float = 0.05
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not (isinstance(value, int | float) and 0 <= value < float("inf")):
-                raise SamplingError(
-                    f"spread: {field.name} is out of range - got {value!r}, expected a standard deviation, at least 0; "
-                    "change it"
-                )
+        check_deviations(self, "spread", SamplingError)
 
     def around(self, model: Any, x: ArrayLike, seed: int) -> Array:
         """Return a random state near another one; equal seeds return equal states.
