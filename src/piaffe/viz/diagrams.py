@@ -120,7 +120,7 @@ def cone(axes: Axes, solution: Solution) -> None:
     if mu is not None:
         axes.plot([-mu * top, 0, mu * top], [top, 0, top], color=BOUND, lw=0.9, ls=(0, (4, 2)), zorder=1)
         axes.fill([-mu * top, 0, mu * top], [top, 0, top], color="#EAF3EC", zorder=0.5, lw=0)
-        axes.text(0, top, f"μ = {mu:g}", ha="center", va="top", color=FAINT, fontsize=8)
+        axes.text(0.02, 0.04, f"μ = {mu:g}", color=FAINT, fontsize=8, transform=axes.transAxes)
     axes.set_ylim(-0.04 * top, top)
     axes.set_title("Friction cone")
     axes.set_xlabel("$F_x$ (·), $F_y$ (+) [N]", labelpad=1)
