@@ -107,12 +107,12 @@ class Policy:
     @property
     def start(self) -> float:
         """Time of the first node [s]."""
-        return float(self.trajectory.phases[0].times[0])
+        return self.trajectory.start
 
     @property
     def end(self) -> float:
         """Time of the last node [s]."""
-        return float(self.trajectory.phases[-1].times[-1])
+        return self.trajectory.end
 
     @property
     def initial(self) -> Array:

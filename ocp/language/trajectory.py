@@ -73,9 +73,19 @@ class Trajectory:
     phases: tuple[PhaseTrajectory, ...] = field(default=())
 
     @property
+    def start(self) -> float:
+        """Time of the first node [s]."""
+        return float(self.phases[0].times[0])
+
+    @property
+    def end(self) -> float:
+        """Time of the last node [s]."""
+        return float(self.phases[-1].times[-1])
+
+    @property
     def duration(self) -> float:
         """Length [s]."""
-        return float(self.phases[-1].times[-1] - self.phases[0].times[0])
+        return self.end - self.start
 
     def phase_at(self, t: float) -> PhaseTrajectory:
         """Return the phase at time t; the later one on a boundary."""

@@ -68,12 +68,12 @@ class Playback:
     @property
     def start(self) -> float:
         """Time of the first node [s]."""
-        return float(self.trajectory.phases[0].times[0])
+        return self.trajectory.start
 
     @property
     def end(self) -> float:
         """Time of the last node [s]."""
-        return float(self.trajectory.phases[-1].times[-1])
+        return self.trajectory.end
 
     def at(self, t: float, *, ghost: bool = False) -> Snapshot:
         """Return the snapshot at time t [s]; with ``ghost`` also the target pose."""
