@@ -172,11 +172,10 @@ class LeggedModel(ModelBase):
         """Return warnings about keyframes, see :mod:`piaffe.models.warnings`."""
         return keyframe_warnings(self.robot, self.resolve, path) if isinstance(path, Path) else []
 
-    def planar_frame(self, sample: Sample) -> tuple[float, float, float]:
-        """Return x, y [m] and yaw [rad] of the base."""
-        position = sample[base.position]
-        yaw = rotation.np_to_rpy(sample[base.orientation])[2]
-        return (float(position[0]), float(position[1]), float(yaw))
+    @property
+    def planar_pose(self) -> tuple[Quantity, Quantity]:
+        """The base's position and orientation."""
+        return base.position, base.orientation
 
     # ---- parameters in numbers
 

@@ -93,6 +93,11 @@ class SingleRigidBody(LeggedModel):
         """Return the kind of model, the robot, and the integrator."""
         return {**super().recipe(), "integrator": self.integrator}
 
+    @property
+    def slots_from_motion(self) -> Mapping[str, Quantity]:
+        """The footholds are the feet of the reference."""
+        return {"footholds": feet.position}
+
     def node_parameters(self, node: Node) -> dict[str, Array]:
         """Return the contact flags and the footholds of a node."""
         return {"contact": self.flags(node.mode), "footholds": self._footholds(node.sample)}

@@ -53,9 +53,9 @@ Term = Cost | Constraint
 
 RUNNING = frozenset[At]({"running"})
 """The values of ``at`` of terms that apply at a stage."""
-_RESETTING = frozenset[At]({"running", "phase_end"})
+RESETTING = frozenset[At]({"running", "phase_end"})
 """The values of ``at`` of terms that apply at the model's own reset."""
-_NOWHERE = frozenset[At]()
+NOWHERE = frozenset[At]()
 
 
 @dataclass(frozen=True)
@@ -191,10 +191,12 @@ class Compilation:
         applies[n] = self.numbers.counts(mode, inside[n].phase, frozenset(ending))
         stage_w, terminal_w = self.weights(mode)
         stage, end = stage_w(p[:-1]), terminal_w(p[-1:])
-        transition, p_transition, resets, lands = self.transition(span, follower, mode, samples[-1])
+        transition, p_transition, resets, lands = self.transition(
+            span, follower, mode, samples[-1], self.path.interval_before(span.end)
+        )
         at_end = list(end)
         if transition is not None:
-            here = _RESETTING if lands else _NOWHERE
+            here = RESETTING if lands else NOWHERE
             applies[n] |= self.numbers.counts(transition, inside[n].phase, here)
             rows = self.reset_weights(transition)(p_transition[None])
             at_end = [np.concatenate(both, axis=1) for both in zip(end, rows, strict=True)]
@@ -265,15 +267,26 @@ class Compilation:
         steps = round((t - interval.start) / span.segment.dt)
         return Node(t, now, after, sample, before, steps, span.segment.dt)
 
+    def plain_node(self, model: ModelBase, interval: PlacedPhase, sample: Sample) -> Node:
+        """Return a node at the start of a phase, for slots that depend on the sample alone."""
+        return Node(interval.start, self.resolve(model, interval.phase), None, sample)
+
     # ---- between phases
 
     def transition(
-        self, span: HorizonPhase, follower: HorizonPhase | None, mode: LoweredMode, sample: Sample
+        self, span: HorizonPhase, follower: HorizonPhase | None, mode: LoweredMode, sample: Sample, ending: PlacedPhase
     ) -> tuple[LoweredTransition | None, Array, bool, bool]:
-        """Return the transition to the next phase, its parameters, whether it changes the state, and by an impact."""
+        """Return the transition to the next phase, its parameters, whether it changes the state, and by an impact.
+
+        Args:
+            span: the part of the horizon before it. follower: the part after it; None at the horizon's end.
+            mode: the mode before it.
+            sample: the targets at its time.
+            ending: the motion phase that ends at its time, or contains it.
+        """
         if follower is None:
             return None, np.zeros(0), False, False
-        model, ending = span.model, self.path.interval_before(span.end)
+        model = span.model
         phase = ending.phase
         user = phase.reset if span.ends_phase else None
         where = f"phases '{phase.name}' → '{follower.interval.phase.name}' ({phase.source})"
@@ -282,7 +295,7 @@ class Compilation:
         self.unbound.update({(model.name, k): why for k, why in lowered.unbound.items()})
         node = self.node(span, span.end, ending, sample, is_end=True)
         lands = model.lands(node)
-        p = self.numbers.of_nodes(lowered, span.segment.dt, [node], phase, _RESETTING if lands else _NOWHERE)[0]
+        p = self.numbers.of_nodes(lowered, span.segment.dt, [node], phase, RESETTING if lands else NOWHERE)[0]
         return lowered, p, user is not None or model is not follower.model or lands, lands
 
     # ---- terms and parameters that apply nowhere

@@ -58,7 +58,7 @@ Lowered = LoweredMode | LoweredTransition
 
 
 @dataclass(frozen=True, eq=False)
-class _Tracked:
+class Tracked:
     """A cost whose target follows the path: the part of ``p`` for the target, and the names of its components."""
 
     term: Cost
@@ -71,7 +71,7 @@ class _OfPhase:
     """The common numbers of the nodes of a phase: parameters, (np,), targets that differ by node, active terms."""
 
     p: Array
-    tracked: tuple[_Tracked, ...]
+    tracked: tuple[Tracked, ...]
     counts: NDArray[np.bool_]
 
 
@@ -123,6 +123,10 @@ class Numbers:
     def counts(self, mode: Lowered, phase: Phase, here: frozenset[At]) -> NDArray[np.bool_]:
         """Return whether each term has an effect at such nodes, (terms,); see ``Cost.counts_in``."""
         return self._shared(mode, phase, here).counts
+
+    def tracked(self, mode: Lowered, phase: Phase, here: frozenset[At]) -> tuple[Tracked, ...]:
+        """Return the costs whose targets follow the path at such nodes."""
+        return self._shared(mode, phase, here).tracked
 
     def weights(self, k: int, phase: str, labels: tuple[str, ...]) -> Array:
         """Return the weights of cost k in a phase of this name, one per row: the new ones, else the declared ones."""
@@ -224,7 +228,7 @@ class Numbers:
                 p[part.factor] = self._weights[mode, k, phase.name]
                 counts[k] = term.counts_in(phase.name)
                 if part.target is not None and term.target is None:
-                    tracked.append(_Tracked(term, part.target, part.labels))
+                    tracked.append(Tracked(term, part.target, part.labels))
                 elif part.target is not None:
                     p[part.target] = self._fixed(k, term, part.target.stop - part.target.start, part.labels)
         return _OfPhase(p, tuple(tracked), counts)
@@ -263,7 +267,7 @@ class Numbers:
         value = _sized(term, rotation.np_from_rpy(term.target) if angles else term.target, size, labels)
         return value / np.linalg.norm(value) if rotates else value
 
-    def _followed(self, each: _Tracked, nodes: Sequence[Node]) -> Array:
+    def _followed(self, each: Tracked, nodes: Sequence[Node]) -> Array:
         """Return the path's targets of a cost at nodes, (n, size); for a rotation, unit quaternions."""
         term, size = each.term, each.part.stop - each.part.start
         quantity = term.quantity

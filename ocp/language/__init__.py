@@ -1,7 +1,11 @@
 """The language: models, phases, motions, terms, schedules and problems."""
 
 from . import rotation as rotation
+from .frame import ORIGIN as ORIGIN
 from .frame import PlanarFrame as PlanarFrame
+from .frame import composed as composed
+from .frame import relative as relative
+from .frame import transform_value as transform_value
 from .initial import initial_state as initial_state
 from .interpolation import interpolate as interpolate
 from .interpolation import node_before as node_before
@@ -56,6 +60,7 @@ from .quantity import Quantity as Quantity
 from .quantity import QuantityGroup as QuantityGroup
 from .quantity import group as group
 from .quantity import match_labels as match_labels
+from .reference_functions import ReferenceFunctions as ReferenceFunctions
 from .reference import FromArrays as FromArrays
 from .reference import FromTrajectory as FromTrajectory
 from .reference import Keyframes as Keyframes

@@ -22,6 +22,18 @@ def relative(to: PlanarFrame, of: PlanarFrame) -> PlanarFrame:
     return (to[0] - (c * of[0] - s * of[1]), to[1] - (s * of[0] + c * of[1]), yaw)
 
 
+def composed(first: PlanarFrame, second: PlanarFrame) -> PlanarFrame:
+    """Return the planar motion that does ``second``, then ``first``; or frame ``second`` as seen from outside ``first``."""
+    c, s = np.cos(first[2]), np.sin(first[2])
+    x, y, yaw = second
+    return (first[0] + c * x - s * y, first[1] + s * x + c * y, first[2] + yaw)
+
+
+def inverse(motion: PlanarFrame) -> PlanarFrame:
+    """Return the planar motion that undoes another."""
+    return relative(ORIGIN, motion)
+
+
 def transform_value(quantity: Quantity, value: Array, frame: PlanarFrame) -> Array:
     """Return a quantity's value (..., n) transformed by a planar motion."""
     if frame == ORIGIN or quantity.kind == "vector":

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
 
+from . import rotation
 from .invariants import Invariants
 from .manifold import Manifold
 from .quantity import Bound, Quantity
@@ -254,6 +255,14 @@ class ModelBase(ABC):
         """Return the values of slots that depend on the node; the others keep their defaults."""
         return {}
 
+    @property
+    def slots_from_motion(self) -> Mapping[str, Quantity]:
+        """The slots that ``node_parameters`` sets to a quantity of the node's sample: slot name → quantity.
+
+        A controller that plans again and again computes these at any time; the other slots follow the phase.
+        """
+        return {}
+
     def reset_size(self, key: str) -> int:
         """Return the size of z in the model's own reset."""
         return 0
@@ -293,9 +302,20 @@ class ModelBase(ABC):
             targets[block.quantity] = array
         return targets
 
+    @property
+    def planar_pose(self) -> tuple[Quantity, Quantity] | None:
+        """Position and orientation in the state whose x, y and yaw are the planar frame; None without one."""
+        return None
+
     def planar_frame(self, sample: Sample) -> tuple[float, float, float]:
-        """Return (x, y, yaw) of the frame in which the next piece of a motion is placed; by default the origin."""
-        return (0.0, 0.0, 0.0)
+        """Return (x, y, yaw) [m, m, rad] of the frame in which the next piece of a motion is placed.
+
+        It is that of :attr:`planar_pose`; without one, the origin.
+        """
+        if self.planar_pose is None:
+            return (0.0, 0.0, 0.0)
+        position, orientation = (np.asarray(sample[quantity]) for quantity in self.planar_pose)
+        return (float(position[0]), float(position[1]), float(rotation.np_to_rpy(orientation)[2]))
 
     def warnings(self, path: object) -> list[ProblemWarning]:
         """Return warnings about the targets of a motion, an ``ocp.Path``."""

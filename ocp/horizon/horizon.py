@@ -1,0 +1,358 @@
+"""The horizon of a problem at any time: a compiled problem from tables and functions, in constant time and memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import ProblemError, ShapeError, UnknownNameError
+
+from ..compiler.checks import require_derivatives
+from ..compiler.compile import Compilation
+from ..compiler.compiled import CompiledProblem
+from ..compiler.compiled_phase import CompiledPhase
+from ..compiler.transition import LoweredTransition
+from ..language import (
+    ORIGIN,
+    SCHEDULED,
+    PlacedPhase,
+    Problem,
+    Quantity,
+    Sample,
+    model_of,
+    relative,
+)
+from .calendar import Calendar, Place
+from .course import Course, Courses, PieceTable
+from .spans import Span, SpanLayout
+from .tables import RowStore, Tables, tracked_quantities
+from .targets import Copies, TargetVector
+
+Array = NDArray[np.float64]
+
+_PERIODIC = 1e-7  # largest difference of the samples of two cycles
+
+
+class Horizon:
+    """A problem whose horizon may begin at any time of its motion.
+
+    The motion is placed once. What does not change with time is in tables, one row for equal nodes; targets come from
+    tables or, for a gait, from functions of time and command. ``at`` then takes constant time and memory, also after an
+    hour. Its result equals that of ``compile_problem`` for a motion that is placed at the measured state.
+
+    Planning happens in a frame (x, y, yaw) of its own: that of the measured base for a reference with functions, at
+    every tick; for other pieces the frame in which their path begins at the measured base, set once.
+
+    Args:
+        problem: the declaration.
+
+    Attributes:
+        problem, models: the declaration, and the models of its schedule.
+        calendar: the phases on a grid of ticks. layout: the parts of a horizon. tables: numbers of the nodes.
+        targets: the quantities of a sample. courses: references in the plan's frame.
+
+    Raises:
+        ProblemError: the problem does not compile, or a time step or phase does not fit the grid.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        require_derivatives(problem, "Horizon")
+        self.problem = problem
+        self._compilation = compilation = Compilation(problem)
+        self.models = tuple(model_of(segment) for segment in problem.schedule.segments)
+        self.calendar = calendar = Calendar(problem.motion.pieces, problem.schedule)
+        self.layout = SpanLayout(calendar, problem.schedule)
+        self._refuse_ends_inside()
+        path = compilation.path
+        samples = [
+            [path.sample(entry.placed.start + j * calendar.tick, entry.placed) for j in range(entry.length + 1)]
+            for entry in calendar.entries
+        ]
+        self.targets = self._target_vector(samples)
+        self.tables = Tables(compilation, calendar, self.targets, samples)
+        self.state_copies = tuple(self.targets.state_copies(model) for model in self.models)
+        packed = [np.array([self.targets.pack(sample) for sample in own]) for own in samples]
+        pieces = [self._piece(number, samples, packed) for number in range(len(problem.motion.pieces))]
+        self.courses = Courses(self.models[0], calendar, self.targets, pieces, packed)
+        first = self.at(self.begin(problem.initial, 0.0), problem.initial)
+        compilation.check_bound(first.phases, complete=False)
+
+    @property
+    def dt(self) -> float:
+        """Time step of the first model [s]; plans begin at its multiples."""
+        return self.problem.schedule.segments[0].dt
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion [s]; infinite if it is cyclic."""
+        return self.calendar.total * self.calendar.tick
+
+    @property
+    def commands(self) -> dict[str, float]:
+        """The declared values of all commands, by name; a later piece's value if several have one."""
+        found: dict[str, float] = {}
+        for piece in self.courses.pieces:
+            if piece.functions is not None:
+                found |= dict(zip(piece.functions.commands, map(float, piece.functions.command), strict=True))
+        return found
+
+    # ---- courses
+
+    def begin(self, x: ArrayLike, t: float, commands: Mapping[str, float] | None = None) -> Course:
+        """Return the motion as seen from a measured state (nx,) at time t [s], the first of a controller.
+
+        Args:
+            x: the state, in the world.
+            t: time since the motion's start [s], rounded to a multiple of ``dt``.
+            commands: commanded values that differ from the declared ones, by name.
+
+        Raises:
+            ProblemError: the time is outside the motion, or the state is not finite.
+            ShapeError: the state has another size.
+            UnknownNameError: there is no such command.
+        """
+        return self.courses.begin(self.checked(x), self.tick_of(t), self.checked_commands(commands or {}))
+
+    def advance(
+        self, course: Course, x: ArrayLike, t: float, commands: Mapping[str, float] | None = None
+    ) -> Course:
+        """Return the motion as seen from a state measured later, see :meth:`begin`; commands stay if not given.
+
+        Raises:
+            ProblemError: the time is before that of the course.
+        """
+        k = self.tick_of(t)
+        if k < course.tick:
+            raise ProblemError(
+                f"horizon: time goes back - got {t:g} s after {course.tick * self.calendar.tick:g} s, expected a later "
+                "one; begin again"
+            )
+        if commands is not None:
+            course = course.commanded(self.checked_commands(commands))
+        return self.courses.advance(course, self.checked(x), k)
+
+    def tick_of(self, t: float) -> int:
+        """Return the tick of a time since the motion's start [s], a multiple of the first model's step."""
+        step = self.calendar.steps[0]
+        k = round(t / self.dt) * step if np.isfinite(t) else -1
+        if not 0 <= k <= self.calendar.total - step:
+            last = self.duration - self.dt
+            raise ProblemError(
+                f"horizon: time is outside the motion - got t = {t:g} s, expected 0 ≤ t ≤ {last:g} s; stop the "
+                "controller there, or declare a longer motion"
+            )
+        return k
+
+    def checked(self, x: ArrayLike) -> Array:
+        """Return a measured state (nx,); raise if it has another size or is not finite."""
+        state = np.asarray(x, dtype=float)
+        space = self.models[0].state
+        if state.shape != (space.nx,):
+            raise ShapeError(
+                f"horizon, model '{self.models[0].name}': state has the wrong size - got shape {state.shape}, expected "
+                f"({space.nx},); give the state of this model"
+            )
+        if not np.all(np.isfinite(state)):
+            bad = space.stored_labels[int(np.flatnonzero(~np.isfinite(state))[0])]
+            raise ProblemError(
+                f"horizon: state is not finite - got {state[~np.isfinite(state)][0]} in '{bad}', expected numbers; "
+                "check the estimator"
+            )
+        return state
+
+    def checked_commands(self, commands: Mapping[str, float]) -> dict[str, float]:
+        """Return commands as numbers; raise for an unknown name or a value that is not finite."""
+        for name, value in commands.items():
+            if name not in self.commands:
+                raise UnknownNameError("horizon", "command", name, self.commands)
+            if not np.isfinite(value):
+                raise ProblemError(f"horizon, command '{name}': is not finite - got {value}, expected a number; fix it")
+        return {name: float(value) for name, value in commands.items()}
+
+    # ---- numbers
+
+    def at(self, course: Course, x: ArrayLike) -> CompiledProblem:
+        """Return the compiled problem of a horizon that begins at the present of a course.
+
+        Args:
+            course: the motion as seen from the present.
+            x: initial state in the plan's frame (nx,).
+        """
+        spans = self.layout.at(course.tick)
+        phases = tuple(self._phase(i, spans, course) for i in range(len(spans)))
+        phases[0].guess_states[0] = x
+        compilation = self._compilation
+        return CompiledProblem(
+            phases=phases, initial=np.array(x, dtype=float), terms=compilation.terms, scopes=compilation.scopes,
+            path=compilation.path, unbound=compilation.unbound, changing=frozenset(compilation.numbers.changing),
+            lowered=0, compile_s=0.0,
+        )  # fmt: skip
+
+    def nodes(self, span: Span) -> tuple[list[tuple[Place, int]], tuple[Place, int]]:
+        """Return place and tick of a span's stages, and of its last node, whose place is that of the phase before."""
+        calendar, step, cut = self.calendar, self.calendar.steps[span.segment], self.layout.cut[span.segment]
+        stages, place = [], span.place
+        for j in range(span.stages + 1):
+            k = span.first + j * step
+            last = j == span.stages
+            while not cut and k >= (end := place.start + calendar.entries[place.entry].length) and not (
+                last and k == end
+            ):
+                place = calendar.next(place)
+            stages.append((place, k))
+        return stages[:-1], stages[-1]
+
+    def _phase(self, i: int, spans: Sequence[Span], course: Course) -> CompiledPhase:
+        span, calendar, tables = spans[i], self.calendar, self.tables
+        table, segment = tables.segments[span.segment], self.problem.schedule.segments[span.segment]
+        mode_number = int(table.mode[span.place.entry])
+        store = tables.modes[mode_number]
+        stages, end = self.nodes(span)
+        samples = self.courses.samples(course, [*stages, end])
+        at = [int(table.first[place.entry]) + k - place.start for place, k in (*stages, end)]
+        p = np.array([
+            _filled(store, *table.stage[row], sample) for row, sample in zip(at[:-1], samples, strict=False)
+        ])  # fmt: skip
+        p_end = _filled(store, *table.end[int(span.last), at[-1]], samples[-1])
+        mode: object = store.lowered
+        stage_w, terminal_w = self._compilation.weights(mode)  # type: ignore[arg-type]  # a mode's store has a mode
+        weights, ends = stage_w(p), terminal_w(p_end[None])
+        transition, p_transition, resets, lands = None, np.zeros(0), False, False
+        at_end = list(ends)
+        if not span.last:
+            to_next = int(spans[i + 1].segment != span.segment)
+            number, row, copies, flags = (int(v) for v in table.link[to_next, at[-1]])
+            links = tables.transitions[number]
+            assert isinstance(links.lowered, LoweredTransition)
+            transition, resets, lands = links.lowered, bool(flags & 1), bool(flags & 2)
+            p_transition = _filled(links, row, copies, samples[-1])
+            rows = self._compilation.reset_weights(transition)(p_transition[None])
+            at_end = [np.concatenate(both, axis=1) for both in zip(ends, rows, strict=True)]
+        model = self.models[span.segment]
+        copies = self.state_copies[span.segment]
+        states = np.zeros((len(samples), model.state.nx))
+        states[:, list(copies.to)] = samples[:, list(copies.of)]
+        placed = self.placed(span.place)
+        cut = self.layout.cut[span.segment]
+        times: Array = (span.first + calendar.steps[span.segment] * np.arange(span.stages + 1.0)) * calendar.tick
+        return CompiledPhase(
+            name=placed.phase.name,
+            label=str(self._compilation.resolve(model, placed.phase)) if cut else SCHEDULED,
+            interval=placed, mode=store.lowered, dt=segment.dt, times=times, p=p, p_end=p_end,
+            applies=np.zeros((span.stages + 1, len(self._compilation.terms)), dtype=bool),
+            weight=weights[0], g_mask=weights[1], h_mask=weights[2],
+            end_weight=at_end[0][0], end_g_mask=at_end[1][0], end_h_mask=at_end[2][0],
+            ends_phase=span.ends, transition=transition, p_transition=p_transition, resets=resets, lands=lands,
+            guess_states=model.state.np_normalise(states), guess_controls=table.controls[at[:-1]].copy(),
+        )  # type: ignore[arg-type]  # fmt: skip
+
+    def placed(self, place: Place) -> PlacedPhase:
+        """Return the motion phase at a place, with its own times and index."""
+        calendar = self.calendar
+        own = calendar.entries[place.entry]
+        start = place.start * calendar.tick
+        return PlacedPhase(
+            own.phase, own.placed.piece, calendar.index(place), start, start + own.length * calendar.tick
+        )  # fmt: skip
+
+    # ---- the tables of pieces
+
+    def _target_vector(self, samples: Sequence[Sequence[Sample]]) -> TargetVector:
+        """Return the quantities that nodes and guesses take from samples."""
+        sizes = tracked_quantities(self._compilation, self.calendar)
+        for model in self.models:
+            sizes |= {block.quantity.path: block.nx for block in model.state.blocks}
+        known: dict[str, Quantity] = {}
+        for own in samples:
+            known |= {quantity.path: quantity for quantity in own[0]}
+        for model in self.models:
+            known |= {block.quantity.path: block.quantity for block in model.state.blocks}
+            known |= {quantity.path: quantity for quantity in model.slots_from_motion.values()}
+        start = {quantity.path: value for quantity, value in self._compilation.start.items()}
+        quantities = tuple(known.get(path, Quantity(path)) for path in sizes)  # the tables name a missing one
+        initial = tuple(
+            np.broadcast_to(
+                np.asarray(start.get(q.path, np.eye(4)[0] if q.kind == "rotation" else 0.0), dtype=float), (size,)
+            )
+            for q, size in zip(quantities, sizes.values(), strict=True)
+        )
+        return TargetVector(quantities, tuple(sizes.values()), initial)
+
+    def _piece(self, number: int, samples: list[list[Sample]], packed: Sequence[Array]) -> PieceTable:
+        calendar, model = self.calendar, self.models[0]
+        entries = [e for e, entry in enumerate(calendar.entries) if entry.placed.piece == number]
+        first, last = samples[entries[0]][0], samples[entries[-1]][-1]
+        self._add_slots(entries, samples, packed)
+        functions = self._compilation.path.placed[number].reference.functions()
+        if functions is not None:
+            schedules = np.array([functions.schedule(calendar.entries[e].placed.index) for e in entries])
+            places = self.targets.of_function(functions.quantities)
+            start = np.zeros(0)
+            if entries[0]:
+                before = samples[entries[0] - 1][-1]
+                kinds = tuple((quantity, int(np.size(value))) for quantity, value in before.items())
+                stacked = np.concatenate([np.ravel(value) for value in before.values()])
+                start = np.asarray(functions.pick(kinds)(stacked), dtype=float).ravel()
+            return PieceTable(
+                functions, places, schedules, start, model.planar_frame(first), model.planar_frame(last), ORIGIN
+            )
+        turn = self._turn(number, samples, packed)
+        none = np.zeros((len(entries), 0))
+        return PieceTable(None, (), none, np.zeros(0), model.planar_frame(first), model.planar_frame(last), turn)
+
+    def _add_slots(self, entries: Sequence[int], samples: list[list[Sample]], packed: Sequence[Array]) -> None:
+        """Write what a model's slots take from the motion where a sample has no such quantity."""
+        compilation, calendar, slices = self._compilation, self.calendar, self.targets.slices
+        for segment in self.problem.schedule.segments:
+            model = model_of(segment)
+            for name, quantity in model.slots_from_motion.items():
+                for e in entries:
+                    entry = calendar.entries[e]
+                    for j, sample in enumerate(samples[e]):
+                        if quantity not in sample:
+                            node = compilation.plain_node(model, entry.placed, sample)
+                            packed[e][j, slices[quantity.path]] = model.node_parameters(node)[name]
+
+    def _turn(self, number: int, samples: Sequence[Sequence[Sample]], packed: Sequence[Array]) -> tuple[float, float, float]:
+        """Return the planar motion of a cycle of an endless piece; raise if its targets do not repeat."""
+        calendar, model = self.calendar, self.models[0]
+        piece = self.problem.motion.pieces[number]
+        if not piece.is_endless:
+            return ORIGIN
+        n = len(piece.cycle)
+        frames = [model.planar_frame(samples[len(samples) - i * n][0]) for i in (2, 1)]
+        turn = relative(frames[1], frames[0])
+        for e in range(len(samples) - n, len(samples)):
+            difference = np.abs(self.targets.moved(packed[e - n], turn) - packed[e]).max(initial=0.0)
+            if difference > _PERIODIC:
+                phase = calendar.entries[e].phase
+                raise ProblemError(
+                    f"phase '{phase.name}' ({phase.source}): its targets do not repeat - got a difference of "
+                    f"{difference:.3g} between two cycles, expected cycles that are equal up to a motion in the plane; "
+                    "choose a number of cycles with .cycles(n), or a reference that repeats"
+                )
+        return turn
+
+    def _refuse_ends_inside(self) -> None:
+        """Raise if a phase with a reset or ``until`` may end inside a part of the horizon."""
+        for model, cut in zip(self.models, self.layout.cut, strict=True):
+            for entry in () if cut else self.calendar.entries:
+                phase = entry.phase
+                if phase.reset is not None or phase.until:
+                    what = "reset" if phase.reset is not None else "until"
+                    raise ProblemError(
+                        f"phase '{phase.name}' ({phase.source}): its end comes to be inside a phase of model "
+                        f"'{model.name}' - got a {what}, expected none where '{model.name}' plans; remove it, or "
+                        "schedule only models with a phase per mode"
+                    )
+
+
+def _filled(store: RowStore, row: int, copies: int, sample: Array) -> Array:
+    """Return a parameter row with what it takes from a sample."""
+    p = store.rows[row].copy()
+    own: Copies = store.copies[copies]
+    p[list(own.to)] = sample[list(own.of)]
+    return p
+

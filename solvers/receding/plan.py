@@ -1,0 +1,116 @@
+"""A plan of a receding horizon: states, controls and policy of every phase, in a frame of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import CompiledPhase, CompiledProblem, Course, LoweredMode, PlanarFrame
+
+from ..solution import Status
+from ..tracking import PlanPhase
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPhase:
+    """One phase of a plan, with N stages.
+
+    Args:
+        segment: index of the schedule's segment.
+        number: number of motion phases before it since the motion's start.
+        phase: its numbers.
+        states: (N+1, nx). controls: (N, nu).
+        feedforward: k (N, nu). feedback: K (N, nu, ndx).
+        Q_x: (N, ndx). Q_u: (N, nu). Q_xx: (N, ndx, ndx). Q_ux: (N, nu, ndx). Q_uu: (N, nu, nu).
+    """
+
+    segment: int
+    number: int
+    phase: CompiledPhase
+    states: Array
+    controls: Array
+    feedforward: Array
+    feedback: Array
+    Q_x: Array
+    Q_u: Array
+    Q_xx: Array
+    Q_ux: Array
+    Q_uu: Array
+
+    @property
+    def times(self) -> Array:
+        """Node times since the motion's start (N+1,) [s]."""
+        return self.phase.times
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A plan: what :meth:`RecedingHorizon.plan` returns.
+
+    States and controls are in the frame of the plan; :attr:`anchor` is this frame in the world. ``Vwbc`` and the other
+    low-level controllers move the measured state into it.
+
+    Args:
+        problem: the compiled problem.
+        course: the motion as seen from the plan's start.
+        parts: the phases.
+        status: reason why the solve ended.
+        iterations: number of iterations.
+        cost: declared cost.
+        max_defect, max_equality, max_inequality: largest defect and violations.
+        seconds: time of each part of the work [s].
+        measured_at: time of the measured state [s]; the plan begins at the first grid time at which it is ready.
+    """
+
+    problem: CompiledProblem
+    course: Course
+    parts: tuple[PlannedPhase, ...]
+    status: Status
+    iterations: int
+    cost: float
+    max_defect: float
+    max_equality: float
+    max_inequality: float
+    seconds: Mapping[str, float]
+    measured_at: float
+
+    @property
+    def anchor(self) -> PlanarFrame:
+        """The plan's frame in the world, (x, y, yaw) [m, m, rad]."""
+        return self.course.anchor
+
+    @property
+    def start(self) -> float:
+        """Time of the first node [s]."""
+        return float(self.parts[0].times[0])
+
+    def age(self, t: float) -> float:
+        """Return the time since the plan's state was measured [s]."""
+        return t - self.measured_at
+
+    @cached_property
+    def phases(self) -> Sequence[PlanPhase]:
+        """The phases that a low-level controller follows: up to the first with states of another size."""
+        found = []
+        for part in self.parts:
+            if part.states.shape[1] != self.parts[0].states.shape[1]:
+                break
+            phase = part.phase
+            found.append(
+                PlanPhase(
+                    mode=phase.mode, times=part.times, states=part.states, controls=part.controls,
+                    feedback=part.feedback, Q_u=part.Q_u, Q_ux=part.Q_ux, Q_uu=part.Q_uu, p=phase.p,
+                    g_mask=phase.g_mask, h_mask=phase.h_mask,
+                )
+            )  # fmt: skip
+        return tuple(found)
+
+    def row_name(self, mode: LoweredMode, kind: str, row: int) -> str:
+        """Return the name of a row of a mode's stages: term, component and side."""
+        return self.problem.row_name(mode.rows[f"stage_{kind}"][row])
