@@ -6,6 +6,7 @@ from piaffe.ocp import Violation as Violation
 from .batch import BatchPhase as BatchPhase
 from .batch import BatchSolution as BatchSolution
 from .batch import solve_batch as solve_batch
+from .ilqr import Fixed as Fixed
 from .ilqr import LqPhase as LqPhase
 from .ilqr import MSiLQR as MSiLQR
 from .ilqr import Options as Options

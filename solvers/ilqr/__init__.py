@@ -11,6 +11,7 @@ from .native import read_iterate as read_iterate
 from .native import read_outer as read_outer
 from .native import read_search as read_search
 from .native import write as write
+from .options import Fixed as Fixed
 from .options import Options as Options
 from .outer import Outer as Outer
 from .result import assemble as assemble

@@ -1,8 +1,8 @@
-"""Options of the solver, the same for every backend."""
+"""Options of the solver, the same for every backend, and a barrier that a solve keeps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from piaffe.errors import SolverError
 
@@ -36,7 +36,11 @@ class Options:
         min_step: smallest trial step.
         regularization: first Levenberg regularisation added to Q_xx and Q_uu.
         max_regularization: largest regularisation; the solve stops beyond it.
-        time_limit_s: time after which the solve stops with its present iterate [s]; None for no limit.
+        time_limit_s: time after which the solve stops with its last accepted iterate [s]; it is asked before every
+            trial step. None for no limit.
+        adapt: whether the solve changes barrier, multipliers and penalties. Without, they stay as they are at its
+            start, and it ends at the first stationary iterate: as ``CONVERGED`` if every tolerance is met, the
+            barrier's included, otherwise as ``STATIONARY``. See :class:`Fixed`.
     """
 
     max_iterations: int = 1000
@@ -63,11 +67,12 @@ class Options:
     regularization: float = 1e-6
     max_regularization: float = 1e6
     time_limit_s: float | None = None
+    adapt: bool = True
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if value is not None and not value > 0:
+            if value is not None and not isinstance(value, bool) and not value > 0:
                 raise SolverError(
                     f"options: {item.name} is out of range - got {value}, expected a positive number; increase it"
                 )
@@ -76,3 +81,36 @@ class Options:
                 raise SolverError(
                     f"options: {name} is out of range - got {getattr(self, name)}, expected below 1; lower it"
                 )
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A relaxed barrier that stays as it is during a solve, for the ticks of a receding horizon.
+
+    A solve with it minimises one function: cost, barrier and augmented Lagrangian with the multipliers of its start.
+    Active rows may violate their bounds by λ δ²/ε − 2δ, where λ is the row's multiplier. A warm start brings its own
+    weight, relaxations, shifts, multipliers and penalties; these stay, too.
+
+    Args:
+        weight: weight ε of the barrier.
+        relaxation: relaxation δ of every row, in units of the row's scale.
+    """
+
+    weight: float
+    relaxation: float
+
+    def __post_init__(self) -> None:
+        for name in ("weight", "relaxation"):
+            if not getattr(self, name) > 0:
+                raise SolverError(
+                    f"fixed barrier: {name} is out of range - got {getattr(self, name)}, expected a positive number; "
+                    "increase it"
+                )
+
+    def options(self, others: Options | None = None) -> Options:
+        """Return options with this barrier, which a solve does not change.
+
+        Args:
+            others: all other options; the default ones if None.
+        """
+        return replace(others or Options(), barrier_weight=self.weight, relaxation=self.relaxation, adapt=False)

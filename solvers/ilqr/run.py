@@ -149,6 +149,8 @@ class Run:
                 return Status.NOT_FINITE
             if stationary and self.meets_everything():
                 return Status.CONVERGED
+            if stationary and not self.o.adapt:
+                return Status.STATIONARY
             if len(self.history) >= self.o.max_iterations:
                 return Status.ITERATION_LIMIT
             if stationary or self.is_due():
@@ -157,9 +159,9 @@ class Run:
                     return Status.INFEASIBLE
                 if direction is None:
                     return self.failed()
-            if self.o.time_limit_s is not None and time.perf_counter() - self.began > self.o.time_limit_s:
-                return Status.TIME_LIMIT
             size = self.search(direction)
+            if size is None:
+                return Status.TIME_LIMIT
             self.adapt(size)
             self.record(direction, size)
             if self.regularization > self.o.max_regularization:
@@ -192,7 +194,8 @@ class Run:
 
     def is_due(self) -> bool:
         """Return whether to leave the sub-problem unsolved: it has had its iterations, and tolerances are not met."""
-        if self.inner < self.o.max_inner or self.current.max_defect >= constants.NEARLY_CLOSED:
+        is_early = self.inner < self.o.max_inner or self.current.max_defect >= constants.NEARLY_CLOSED
+        if is_early or not self.o.adapt:
             return False
         return not self.keeps_tolerances() or self.outer.near_gap(self.current.values) > self.outer.allowed(
             self.current.cost
@@ -229,6 +232,10 @@ class Run:
         self.history.append(record)
         if self.report:
             self.report(record)
+
+    def is_late(self) -> bool:
+        """Return whether the time limit is over."""
+        return self.o.time_limit_s is not None and time.perf_counter() - self.began > self.o.time_limit_s
 
     # ---- one iteration
 
@@ -273,11 +280,13 @@ class Run:
             self.least_rho *= constants.LEAST_RHO_FACTOR
         self.rho = max(needed, constants.RHO_DECAY * self.rho, self.least_rho)
 
-    def search(self, direction: Direction) -> float:
+    def search(self, direction: Direction) -> float | None:
         """Return the step size that the line search accepts, 0 if none; set the current iterate.
 
         A trial whose defects grow because of curvature gets a second-order correction before a shorter step is tried.
+        None, and no change of iterate and search, if the time is over before a trial.
         """
+        given = self.rho, self.least_rho, self.outside
         self.update_merit(direction)
         gap = self.current.gap
         before = self.augmented(self.current) + self.rho * gap
@@ -287,8 +296,12 @@ class Run:
         while size >= self.o.min_step:
             expected = size * direction.dV1 + 0.5 * size**2 * direction.dV2 - size * self.rho * gap
             bound = before + self.o.armijo * expected + constants.MERIT_ROUNDING * abs(before)
-            trial = self.trial(self.current.iterate, direction.dx, direction.du, size)
+            step = self.current.iterate, direction.dx, direction.du, size
             for correction in range(self.o.corrections + 1):
+                if self.is_late():
+                    self.rho, self.least_rho, self.outside = given
+                    return None
+                trial = self.trial(*step)
                 merit = self.augmented(trial) + self.rho * trial.gap
                 if not np.isfinite(merit):
                     self.outside, left = trial.iterate, True
@@ -300,7 +313,7 @@ class Run:
                 defects_grew = np.isfinite(merit) and trial.gap > (1 - constants.GAP_DECREASE * size) * gap
                 if not defects_grew or correction == self.o.corrections:
                     break
-                trial = self.trial(trial.iterate, *close_defects(self.models, self.sweeps, trial.defects), 1.0)
+                step = trial.iterate, *close_defects(self.models, self.sweeps, trial.defects), 1.0
             size *= self.o.step_shrink
         return 0.0
 

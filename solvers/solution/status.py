@@ -7,6 +7,10 @@ class Status(Enum):
     """The reason why a solve ended."""
 
     CONVERGED = "Converged: the iterate is stationary and every tolerance is met."
+    STATIONARY = (
+        "Stationary: no step helps with the barrier and the multipliers of the start, which the solve kept; rows may "
+        "be violated by as much as a relaxed barrier allows, see explain()."
+    )
     ITERATION_LIMIT = (
         "Stopped at the iteration limit before every tolerance was met; raise max_iterations, or see explain() for the "
         "rows that are still violated."

@@ -33,7 +33,7 @@ _POLL_S = 0.05
 
 STATUS = (
     Status.CONVERGED, Status.ITERATION_LIMIT, Status.TIME_LIMIT, Status.LINE_SEARCH_FAILED, Status.INFEASIBLE,
-    Status.NOT_FINITE, Status.INTERRUPTED,
+    Status.NOT_FINITE, Status.INTERRUPTED, Status.STATIONARY,
 )  # fmt: skip
 """The statuses in the order of the enumeration in ``piaffe.h``."""
 _DUALS = ("relaxation", "shift", "multiplier", "penalty")

@@ -15,7 +15,7 @@ _NUMBERS = [
     "min_barrier_weight", "relaxation", "max_stiffness", "penalty", "penalty_factor", "max_penalty", "armijo",
     "merit_margin", "merit_offset", "step_shrink", "min_step", "regularization", "max_regularization", "time_limit_s",
 ]  # fmt: skip
-_COUNTS = ["max_iterations", "max_inner", "corrections"]
+_COUNTS = ["max_iterations", "max_inner", "corrections", "adapt"]
 OPTIONS = _NUMBERS + _COUNTS
 RECORD = [
     "iteration", "cost", "merit", "expected", "max_defect", "max_equality", "max_inequality", "step_size",
@@ -31,7 +31,7 @@ _OF_BLOCK = [
 ]  # fmt: skip
 _OF_SOLVE = [
     "weight", "rho", "least_rho", "regularization_now", "cost", "gap", "max_defect", "max_equality", "max_inequality",
-    "last_equality", "last_cost", "last_violation", "last_step", "resume_merit", "resume_cost",
+    "last_equality", "last_cost", "last_violation", "last_step", "resume_merit", "resume_cost", "began",
 ]  # fmt: skip
 _COUNTERS = ["resume_converged", "inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
 

@@ -78,6 +78,7 @@ typedef struct {
         min_barrier_weight, relaxation, max_stiffness, penalty, penalty_factor, max_penalty, armijo, merit_margin,
         merit_offset, step_shrink, min_step, regularization, max_regularization, time_limit_s;
     int max_iterations, max_inner, corrections;
+    int adapt;                              /* whether a solve changes barrier, multipliers and penalties */
 } Options;
 
 typedef struct {
@@ -93,7 +94,7 @@ typedef struct {
     Block *blocks, *ends;
 } Group;
 
-enum { CONVERGED, ITERATION_LIMIT, TIME_LIMIT, LINE_SEARCH_FAILED, INFEASIBLE, NOT_FINITE, INTERRUPTED };
+enum { CONVERGED, ITERATION_LIMIT, TIME_LIMIT, LINE_SEARCH_FAILED, INFEASIBLE, NOT_FINITE, INTERRUPTED, STATIONARY };
 
 typedef struct Problem {
     int num_phases, num_groups, num_transitions;
@@ -111,6 +112,7 @@ typedef struct Problem {
     double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_step;
     /* of a warm start: the merit at its state of the search; its cost, used if that state is of another problem */
     double resume_merit, resume_cost;
+    double began;                           /* when the solve did, on its clock [s] */
     int resume_converged;
     int inner, unmoved, has_last_cost, has_inequalities, num_gains, blocked; /* blocked: whether a trial since the previous iterate was not finite */
     double gains[PATIENCE];                 /* what the last steps of the sub-problem gained, in turn */

@@ -13,16 +13,10 @@
 #include "trial.inc"
 #include "model.inc"
 #include "direction.inc"
+#include "clock.inc"
 #include "search.inc"
 #include "outer.inc"
 #include "parts.inc"
-
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* The status of a solve without a further step: a number is not finite, or the line search failed. */
 static int failure(const Problem *pr) { return pr->blocked || !model_is_finite(pr) ? NOT_FINITE : LINE_SEARCH_FAILED; }
@@ -70,7 +64,8 @@ static int is_same(const Problem *pr, const Sums *at)
 int piaffe_solve(Problem *pr, int resumed)
 {
     const Options *o = &pr->options;
-    double began = now(), dV[2];
+    double dV[2];
+    pr->began = now();
     if (!resumed) pr->weight = o->barrier_weight, pr->has_last_cost = 0;
     if (resumed < 2) begin_search(pr);
     pr->num_records = pr->blocked = 0;
@@ -98,22 +93,23 @@ int piaffe_solve(Problem *pr, int resumed)
             if (!direction(pr, dV)) return failure(pr);
         }
         if (stationary && met && gap_is_closed(pr)) return CONVERGED;
+        if (stationary && !o->adapt) return STATIONARY;
         if (pr->num_records >= o->max_iterations) return ITERATION_LIMIT;
         int due = pr->inner >= o->max_inner && at.max_defect < NEARLY_CLOSED && (!met || near_gap(pr) > allowed(pr));
-        if (stationary || due) {
+        if (stationary || (due && o->adapt)) {
             update(pr, &at, stationary);
             pr->inner = pr->num_gains = 0;
             linearise(pr);
             if (pr->unmoved > MAX_UNMOVED) return INFEASIBLE;
             if (!direction(pr, dV)) return failure(pr);
         }
-        if (o->time_limit_s > 0 && now() - began > o->time_limit_s) return TIME_LIMIT;
         double size = search(pr, dV, &at);
+        if (size < 0.0) return TIME_LIMIT;
         adapt(pr, size);
         note(pr, &at);
         pr->history[pr->num_records] = (Record){
             pr->num_records + 1, at.cost, augmented_of_accepted(pr) + pr->rho * at.gap, -(dV[0] + 0.5 * dV[1]),
-            at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, now() - began,
+            at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, now() - pr->began,
         };
         __sync_synchronize();
         pr->num_records++;
