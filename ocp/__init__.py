@@ -18,6 +18,11 @@ from .compiler import instance as instance
 from .compiler import owner_of as owner_of
 from .compiler import require_derivatives as require_derivatives
 from .compiler import whole_steps as whole_steps
+from .horizon import Course as Course
+from .horizon import Horizon as Horizon
+from .horizon import Place as Place
+from .horizon import Span as Span
+from .language import ORIGIN as ORIGIN
 from .language import SAME_TIME as SAME_TIME
 from .language import TIME_STEP as TIME_STEP
 from .language import BallisticPoint as BallisticPoint
@@ -57,6 +62,10 @@ from .language import Quantities as Quantities
 from .language import Quantity as Quantity
 from .language import QuantityGroup as QuantityGroup
 from .language import Reference as Reference
+from .language import ReferenceFunctions as ReferenceFunctions
+from .language import composed as composed
+from .language import relative as relative
+from .language import transform_value as transform_value
 from .language import Reset as Reset
 from .language import ResetRows as ResetRows
 from .language import Sample as Sample

@@ -133,6 +133,10 @@ class Horizon:
             course = course.commanded(self.checked_commands(commands))
         return self.courses.advance(course, self.checked(x), k)
 
+    def local(self, course: Course, x: ArrayLike) -> Array:
+        """Return a state in the world (nx,) in the frame of a course."""
+        return self.courses.moved(np.asarray(x, dtype=float), relative(ORIGIN, course.anchor))
+
     def tick_of(self, t: float) -> int:
         """Return the tick of a time since the motion's start [s], a multiple of the first model's step."""
         step = self.calendar.steps[0]
@@ -189,6 +193,26 @@ class Horizon:
             path=compilation.path, unbound=compilation.unbound, changing=frozenset(compilation.numbers.changing),
             lowered=0, compile_s=0.0,
         )  # fmt: skip
+
+    def arrival(self, course: Course) -> tuple[LoweredTransition, Array] | None:
+        """Return the impact at the present and its parameters; None if no phase with a landing ends now.
+
+        A measured state may be from before or after it. The impact changes only a state from before it: the velocities
+        of the landing feet are already zero after it.
+        """
+        calendar, place = self.calendar, course.place
+        before = calendar.previous(place)
+        if place.start != course.tick or before < 0 or not self.layout.cut[0]:
+            return None
+        table = self.tables.segments[0]
+        at = int(table.first[before]) + calendar.entries[before].length
+        number, row, copies, flags = (int(v) for v in table.link[0, at])
+        if number < 0 or not flags & 2:
+            return None
+        store = self.tables.transitions[number]
+        assert isinstance(store.lowered, LoweredTransition)
+        sample = self.courses.samples(course, [(place, course.tick)])[0]
+        return store.lowered, _filled(store, row, copies, sample)
 
     def nodes(self, span: Span) -> tuple[list[tuple[Place, int]], tuple[Place, int]]:
         """Return place and tick of a span's stages, and of its last node, whose place is that of the phase before."""

@@ -16,7 +16,7 @@ _POLICY = ("feedforward", "feedback", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux
 def assemble(run: Run, status: Status, wall_s: float) -> Solution:
     """Return the current iterate of a run with its policy, expansions, costs and violations."""
     at, problem, outer = run.current, run.problem, run.outer
-    sweeps = run.policy or _sweep(run.linearise(), run.o.regularization, run.o.max_regularization)
+    sweeps = run.policy or sweeps_of(run)
     equality, inequality = run.violations(at)
     phases = []
     for phase, dual, value, defects, sweep in zip(
@@ -44,8 +44,9 @@ def assemble(run: Run, status: Status, wall_s: float) -> Solution:
     )  # fmt: skip
 
 
-def _sweep(models: list[LqPhase], first: float, last: float) -> list[Sweep]:
-    """Return the sweep with the smallest regularisation that succeeds; zeros if none does."""
+def sweeps_of(run: Run) -> list[Sweep]:
+    """Return the sweep at a run's iterate with the smallest regularisation that succeeds; zeros if none does."""
+    models, first, last = run.linearise(), run.o.regularization, run.o.max_regularization
     regularization = 0.0
     while regularization <= last:
         sweeps = backward(models, regularization)

@@ -1,0 +1,55 @@
+"""The state at the time when a plan will be ready, from the last plan's policy and the model's steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import SAME_TIME, TIME_STEP, LoweredTransition, Vectorised
+
+from .plan import Plan
+
+Array = NDArray[np.float64]
+
+
+def predicted(plan: Plan, x: Array, t: float, until: float) -> Array:
+    """Return the state at a later time under the policy of a plan, (nx,), in the plan's frame.
+
+    The model of the plan makes steps of its own length, the first and the last one shorter if need be. At the end of a
+    phase the plan's transition applies, an impact included. Beyond the plan's nodes, the state is held.
+
+    Args:
+        plan: the last plan.
+        x: measured state in its frame (nx,).
+        t: its time [s].
+        until: the time to predict [s].
+    """
+    state = np.array(x, dtype=float)
+    while t < until - SAME_TIME:
+        i = max((i for i, part in enumerate(plan.parts) if part.times[0] <= t + SAME_TIME), default=0)
+        part = plan.parts[i]
+        if len(state) != part.states.shape[1] or t >= part.times[-1] - SAME_TIME:
+            break
+        k = max(int(np.searchsorted(part.times, t + SAME_TIME, side="right")) - 1, 0)
+        end = min(until, float(part.times[k + 1]))
+        space, mode, p = part.phase.mode.state, part.phase.mode, part.phase.p[k].copy()
+        p[mode.layout.slices[TIME_STEP]] = end - t
+        share = (t - part.times[k]) / (part.times[k + 1] - part.times[k])
+        nominal = space.np_plus(part.states[k], share * space.np_minus(part.states[k + 1], part.states[k]))
+        u = part.controls[k] + part.feedback[k] @ space.np_minus(state, nominal)
+        K, r0 = Vectorised(mode.functions["implicit"])(state[None], u[None], p[None])
+        z = -np.linalg.solve(K, r0[:, :, None])[:, :, 0] if r0.shape[1] else r0
+        state = space.np_normalise(Vectorised(mode.functions["stage"])(state[None], u[None], z, p[None])[0][0])
+        t = end
+        following = plan.parts[i + 1] if i + 1 < len(plan.parts) else None
+        if t >= part.times[-1] - SAME_TIME and part.phase.resets and following is not None:
+            if following.states.shape[1] == len(state) and part.phase.transition is not None:
+                state = space.np_normalise(after_reset(part.phase.transition, part.phase.p_transition, state))
+    return state
+
+
+def after_reset(transition: LoweredTransition, p: Array, x: Array) -> Array:
+    """Return the state after a transition, (nx of the next,)."""
+    K, r0 = Vectorised(transition.functions["implicit"])(x[None], p[None])
+    z = -np.linalg.solve(K, r0[:, :, None])[:, :, 0] if r0.shape[1] else r0
+    return np.asarray(Vectorised(transition.functions["reset"])(x[None], z, p[None])[0][0])
