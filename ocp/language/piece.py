@@ -10,6 +10,7 @@ from itertools import count
 from .frame import PlanarFrame
 from .model import ModelBase, Sample
 from .phase import Phase
+from .reference_functions import ReferenceFunctions
 
 
 class BoundReference(ABC):
@@ -23,6 +24,10 @@ class BoundReference(ABC):
             t: time since the piece's start [s].
             phase: index of the phase in the piece, cycles counted; where targets jump, it selects the side of the jump.
         """
+
+    def functions(self) -> ReferenceFunctions | None:
+        """Return the reference as CasADi functions of time and command; None, unless a class has them."""
+        return None
 
 
 class Reference(ABC):
