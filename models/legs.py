@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 
 _ITERATIONS = 60
 # Damping (Sugihara): half the squared error, so that steps are small far from the target, plus a floor
-_FLOOR = 1e-9  # [m^2]
+DAMPING_FLOOR = 1e-9  # [m^2]
+RATE_DAMPING = 1e-9  # of the rates [m^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ class Legs:
             squared = np.sum(error**2, axis=0)
             if np.all(squared < tolerance**2):
                 break
-            now = np.clip(now + _damped_step(jacobian, error, 0.5 * squared + _FLOOR), lower, upper)
+            now = np.clip(now + _damped_step(jacobian, error, 0.5 * squared + DAMPING_FLOOR), lower, upper)
         distance = np.sqrt(np.sum((wanted - legs.forward(now)[0]) ** 2, axis=0))
         return _from_samples_last(now, leading), _from_samples_last(distance, leading)
 
@@ -109,7 +110,7 @@ class Legs:
             velocity: of the feet in base axes, (S, m, 3) [m/s].
         """
         _, jacobian = self._samples_last.jacobian(_to_samples_last(angles))
-        step = _damped_step(jacobian, _to_samples_last(velocity), np.array(1e-9))
+        step = _damped_step(jacobian, _to_samples_last(velocity), np.array(RATE_DAMPING))
         return _from_samples_last(step, angles.shape[:-2])
 
 

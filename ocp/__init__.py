@@ -98,10 +98,12 @@ from .language import phase_index as phase_index
 from .language import placed_phases as placed_phases
 from .language import problem_names as problem_names
 from .language import regularize as regularize
+from .language import require_entries as require_entries
 from .language import reset as reset
 from .language import residual as residual
 from .language import rotation as rotation
 from .language import run_file as run_file
+from .language import split_entries as split_entries
 from .language import split_spec as split_spec
 from .language import track as track
 from .reports import BOUNDS as BOUNDS

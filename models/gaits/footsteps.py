@@ -17,6 +17,11 @@ from piaffe.ocp import SAME_TIME
 Array = NDArray[np.float64]
 Foothold = Callable[[int, Array, Array], Array]
 
+# A foothold is within this box about the place below its hip, in fractions of the leg's reach (forward, sideways), and
+# its straight distance from the hip is at most this fraction of the reach.
+BOX = (0.5, 0.25)
+STRETCH = 0.95
+
 
 @dataclass(frozen=True, eq=False)
 class ContactSchedule:
@@ -108,7 +113,7 @@ class Footsteps:
         for foot, (stances, holds) in enumerate(zip(self._stances, self._holds, strict=True)):
             i = int(np.searchsorted(stances[:, 0], t + SAME_TIME, side="right")) - 1
             now = holds[i].copy()
-            if feet is not None and t <= stances[i, 1]:
+            if feet is not None and t <= stances[i, 1] + SAME_TIME:
                 now[:2] = feet[foot, :2]
             other._keep.append((i, now))
         return other

@@ -10,19 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ProblemError
-from piaffe.ocp import BoundReference, ModelBase, Piece, PlanarFrame, Quantity, Reference, Sample, rotation
+from piaffe.ocp import (
+    SAME_TIME,
+    BoundReference,
+    ModelBase,
+    Piece,
+    PlanarFrame,
+    Quantity,
+    Reference,
+    ReferenceFunctions,
+    Sample,
+    rotation,
+)
 
 from ..legged import LeggedModel
 from ..quantities import base, feet, joints
 from .base_path import BasePath, ease, turn_by
-from .footsteps import ContactSchedule, Footsteps
+from .footsteps import BOX, STRETCH, ContactSchedule, Footsteps
+from .functions import GaitFunctions
+from .step_expressions import StepExpressions
 
 Array = NDArray[np.float64]
 
-# A foothold is within this box about the place below its hip, in fractions of the leg's reach (forward, sideways), and
-# its straight distance from the hip is at most this fraction of the reach.
-_BOX = (0.5, 0.25)
-_STRETCH = 0.95
 _MISS = 0.01  # largest error of a foot's inverse kinematics, as a fraction of the leg's reach; above it, an error
 _AHEAD, _STEP = 50, 0.01  # number of samples that are made in one batch, and the time between them [s]
 _KEEP = 5000  # number of samples that are kept
@@ -110,6 +119,9 @@ class BoundGait(BoundReference):
         schedule = ContactSchedule(once, cycle)
         swing = gait.swing_height if gait.swing_height is not None else 0.15 * float(self.kinematics.reach.min())
         ground = gait.terrain + self.robot.foot_radius
+        self._steps = StepExpressions(
+            self._home, self.kinematics.reach, ground, swing, self._gravity, gait.velocity_gain
+        )
         self.footsteps = Footsteps(schedule, self._first_feet(start), ground, swing, self._footholds)
         self._weight = self._mean_force(schedule)
         self._kept: dict[float, dict[Quantity, Array]] = {}
@@ -184,6 +196,15 @@ class BoundGait(BoundReference):
         moved._kept = {}
         return moved
 
+    def functions(self) -> ReferenceFunctions:
+        """Return the gait as CasADi functions of time and of speed, lateral speed, yaw rate and height."""
+        command = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate, self._height])
+        numbers = GaitFunctions(
+            self.model.state, self.kinematics, self.footsteps.schedule, self._steps, command, self.gait.ramp,
+            self.gait.terrain, self._weight,
+        )  # fmt: skip
+        return numbers.compile()
+
     # ---- the base
 
     def _begin(self, start: Sample) -> None:
@@ -223,13 +244,13 @@ class BoundGait(BoundReference):
         middle = touchdown + length / 2
         balance = home - lever * self.path.acceleration(middle)
         place = self.path.position(middle) + turn_by(self.path.yaw(middle), balance)
-        corrected = np.flatnonzero(touchdown > self._anchor)[:1]
+        corrected = np.flatnonzero(touchdown > self._anchor + SAME_TIME)[:1]
         place[corrected] += gain * self._error
         hip, yaw = self.path.position(touchdown), self.path.yaw(touchdown)
         offset = turn_by(-yaw, place - hip) - home
         reach = self.kinematics.reach[foot]
-        room = np.sqrt(max((_STRETCH * reach) ** 2 - self._height**2, 0.0))
-        box = np.minimum(np.array(_BOX) * reach, room)
+        room = np.sqrt(max((STRETCH * reach) ** 2 - self._height**2, 0.0))
+        box = np.minimum(np.array(BOX) * reach, room)
         return np.asarray(hip + turn_by(yaw, home + np.clip(offset, -box, box)))
 
     def _mean_force(self, schedule: ContactSchedule) -> float:

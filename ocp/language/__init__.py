@@ -64,6 +64,9 @@ from .reference_functions import ReferenceFunctions as ReferenceFunctions
 from .reference import FromArrays as FromArrays
 from .reference import FromTrajectory as FromTrajectory
 from .reference import Keyframes as Keyframes
+from .reference_functions import ReferenceFunctions as ReferenceFunctions
+from .reference_functions import require_entries as require_entries
+from .reference_functions import split_entries as split_entries
 from .schedule import Schedule as Schedule
 from .schedule import Segment as Segment
 from .term import At as At

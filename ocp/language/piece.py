@@ -26,7 +26,7 @@ class BoundReference(ABC):
         """
 
     def functions(self) -> ReferenceFunctions | None:
-        """Return the reference as functions of time and command; None if it has none."""
+        """Return the reference as CasADi functions of time and command; None, unless a class has them."""
         return None
 
 

@@ -59,6 +59,27 @@ def matrix(q: cs.SX) -> cs.SX:
     )
 
 
+def from_rpy(rpy: cs.SX) -> cs.SX:
+    """Return the quaternion of R = Rz(yaw) Ry(pitch) Rx(roll), (3, 1) as roll, pitch, yaw [rad] → (4, 1)."""
+    (cr, cp, cy), (sr, sp, sy) = cs.vertsplit(cs.cos(rpy / 2)), cs.vertsplit(cs.sin(rpy / 2))
+    return cs.vertcat(
+        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    )
+
+
+def to_rpy(q: cs.SX) -> cs.SX:
+    """Return roll, pitch, yaw in [−π, π], pitch in [−π/2, π/2], (4, 1) → (3, 1) [rad]."""
+    R = matrix(q)
+    pitch = cs.asin(cs.fmin(cs.fmax(-R[2, 0], -1.0), 1.0))
+    return cs.vertcat(cs.atan2(R[2, 1], R[2, 2]), pitch, cs.atan2(R[1, 0], R[0, 0]))
+
+
+def body_rate(rpy: cs.SX, rpy_rate: cs.SX) -> cs.SX:
+    """Return the body angular velocity of roll-pitch-yaw angles and their rates, (3, 1) [rad/s]."""
+    (dr, dp, dy), cr, sr, cp, sp = cs.vertsplit(rpy_rate), *(f(a) for a in (rpy[0], rpy[1]) for f in (cs.cos, cs.sin))
+    return cs.vertcat(dr - sp * dy, cr * dp + cp * sr * dy, -sr * dp + cp * cr * dy)
+
+
 # ---- the same in NumPy, over any leading axes -----------------------------------------------------------------------
 
 

@@ -1,0 +1,97 @@
+"""Footholds and swings of a gait as CasADi expressions; see :mod:`.footsteps` and :mod:`.reference` for NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import SAME_TIME
+
+from .footsteps import BOX, STRETCH
+from .memory import GaitMemory
+from .path_expression import turned
+from .phase_row import FootRow
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StepExpressions:
+    """Footholds and swings of the feet.
+
+    Args:
+        home: places of the feet of the standing robot in base axes, (nf, 3) [m].
+        reach: of each leg, (nf,) [m].
+        ground: height of a standing foot's frame [m].
+        swing_height: how far a swinging foot rises above the higher of its two footholds [m].
+        gravity: [m/s^2].
+        velocity_gain: k of :class:`.GaitReference` [s]; None for √(h/g).
+    """
+
+    home: Array
+    reach: Array
+    ground: float
+    swing_height: float
+    gravity: float
+    velocity_gain: float | None
+
+    def foothold(self, foot: int, memory: GaitMemory, touchdown: cs.SX, length: cs.SX, is_next: cs.SX) -> cs.SX:
+        """Return the foothold of a stance that begins after now, (3, 1) [m].
+
+        Args:
+            foot: index of the foot.
+            memory: memory of the gait.
+            touchdown: begin of the stance after now [s].
+            length: duration of the stance [s].
+            is_next: 1 for the foot's first stance after now.
+        """
+        home, path = cs.SX(self.home[foot, :2]), memory.path
+        lever = cs.fmax(memory.height, 0) / self.gravity
+        gain = cs.sqrt(lever) if self.velocity_gain is None else self.velocity_gain
+        middle = touchdown + length / 2
+        balance = home - lever * path.acceleration(middle)
+        place = path.position(middle) + turned(path.yaw(middle), balance) + is_next * gain * memory.error
+        hip, yaw = path.position(touchdown), path.yaw(touchdown)
+        offset = turned(-yaw, place - hip) - home
+        room = cs.sqrt(cs.fmax((STRETCH * self.reach[foot]) ** 2 - memory.height**2, 0))
+        box = cs.fmin(self.reach[foot] * cs.SX(BOX), room)
+        return cs.vertcat(hip + turned(yaw, home + cs.fmin(cs.fmax(offset, -box), box)), self.ground)
+
+    def stance(self, foot: int, memory: GaitMemory, row: FootRow, phi: cs.SX) -> cs.SX:
+        """Return the place of a foot in the present stance of a phase, (3, 1) [m].
+
+        Args:
+            foot: index of the foot.
+            memory: memory of the gait.
+            row: numbers of the phase.
+            phi: start of the phase after now [s].
+        """
+        ahead = self.foothold(foot, memory, phi + row.touchdown, row.length, phi + row.before <= SAME_TIME)
+        return cs.if_else(phi + row.touchdown <= SAME_TIME, memory.places[foot], ahead)
+
+    def swing(self, foot: int, memory: GaitMemory, row: FootRow, phi: cs.SX, tau: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """Return a foot's position [m] and velocity [m/s], (3, 1) each; arguments as above, tau is a time after now."""
+        first = self.stance(foot, memory, row, phi)
+        is_next = phi + row.touchdown <= SAME_TIME
+        last = self.foothold(foot, memory, phi + row.next_touchdown, row.next_length, is_next)
+        t = tau - phi
+        swings = cs.logic_and(t > row.liftoff, row.lands > 0.5)
+        length = cs.if_else(swings, row.next_touchdown - row.liftoff, 1)
+        s = cs.if_else(swings, cs.fmin((t - row.liftoff) / length, 1), 0)
+        share, slope = _cubic(s)
+        step = last[:2] - first[:2]
+        apex = cs.fmax(first[2], last[2]) + self.swing_height
+        rises = s < 0.5
+        low, high = cs.if_else(rises, first[2], apex), cs.if_else(rises, apex, last[2])
+        lift, climb = _cubic(cs.if_else(rises, 2 * s, 2 * s - 1))
+        height = cs.if_else(swings, low + lift * (high - low), first[2])
+        rate = cs.if_else(swings, cs.vertcat(slope * step, 2 * climb * (high - low)) / length, cs.SX.zeros(3))
+        return cs.vertcat(first[:2] + share * step, height), rate
+
+
+def _cubic(s: cs.SX) -> tuple[cs.SX, cs.SX]:
+    """Return s² (3 − 2 s) and its derivative."""
+    return s**2 * (3 - 2 * s), 6 * s * (1 - s)
