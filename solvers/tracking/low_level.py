@@ -93,13 +93,7 @@ class LowLevel(ABC):
         Raises:
             SolverError: the plan has a mode that the first one does not have.
         """
-        modes = modes_of(plan)
-        if modes != self._modes and not self._known.issuperset(modes):
-            others = ", ".join(f"'{mode.model.name}' {mode.key}" for mode in modes if mode not in self._known)
-            raise SolverError(
-                f"{self._name}: the plan has other modes - got {others}, expected modes of the first plan; compile "
-                "both problems in one process with the same model and terms, or make another controller"
-            )
+        self._check_modes(plan)
         self.plan = plan
 
     def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
@@ -149,6 +143,15 @@ class LowLevel(ABC):
     def _numbers(self, at: PlanStage) -> tuple[Array, Array, Array]:
         """Return the parameters of a stage, and the masks of its inequality and equality rows."""
         return at.p, at.g_mask, at.h_mask
+
+    def _check_modes(self, plan: StagedPlan) -> None:
+        modes = modes_of(plan)
+        if modes != self._modes and not self._known.issuperset(modes):
+            others = ", ".join(f"'{mode.model.name}' {mode.key}" for mode in modes if mode not in self._known)
+            raise SolverError(
+                f"{self._name}: the plan has other modes - got {others}, expected modes of the first plan; compile "
+                "both problems in one process with the same model and terms, or make another controller"
+            )
 
     def _readings(self, contacts: ArrayLike | None) -> Array | None:
         """Return measured flags if they are measured."""

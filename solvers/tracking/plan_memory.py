@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes as ct
 from collections.abc import Sequence
+from functools import lru_cache
 from struct import Struct
 from typing import Any
 
@@ -47,35 +48,46 @@ class PlanMemory:
         Raises:
             ShapeError: an array has another size than its mode's.
         """
+        copies: list[Array] = []
+        records = [self._record(phase, copies) for phase in phases]  # before anything is written, for the error
         if len(phases) * _PHASE.size > len(self._phases):
             self._room = None
             self._phases = bytearray(2 * len(phases) * _PHASE.size)
             self._room = _first(self._phases)
             self._plan.phases = ct.addressof(self._room)
-        copies: list[Array] = []
-        for i, phase in enumerate(phases):
-            mode = phase.mode
-            arrays = (
-                phase.times, phase.states, phase.controls, phase.feedback, phase.Q_u, phase.Q_ux, phase.Q_uu, phase.p,
-                phase.g_mask, phase.h_mask,
-            )  # fmt: skip
-            n = len(phase.controls)
-            if tuple([array.size for array in arrays]) != _sizes(mode, n):
-                raise _wrong_size(mode, n, arrays)
-            places = [_address(array, copies) for array in arrays]
-            _PHASE.pack_into(self._phases, i * _PHASE.size, self._numbers[mode], n, *places)
+        for i, record in enumerate(records):
+            _PHASE.pack_into(self._phases, i * _PHASE.size, *record)
         self._plan.num_phases = len(phases)
         self._kept_alive = (phases, copies)
 
+    def _record(self, phase: PlanPhase, copies: list[Array], double: Any = _DOUBLE) -> list[int]:
+        """Return the numbers of a ``struct plan_phase``; this is fast, since plans come 50 times a second."""
+        arrays = (
+            phase.times, phase.states, phase.controls, phase.feedback, phase.Q_u, phase.Q_ux, phase.Q_uu, phase.p,
+            phase.g_mask, phase.h_mask,
+        )  # fmt: skip
+        mode, n = phase.mode, len(phase.controls)
+        if tuple([array.size for array in arrays]) != _sizes(mode, n):
+            raise _wrong_size(mode, n, arrays)
+        address, first = ct.addressof, _first
+        return [
+            self._numbers[mode], n,
+            *[
+                address(first(array)) if array.flags.carray and array.dtype is double and array.size
+                else _other(array, copies) for array in arrays
+            ],
+        ]  # fmt: skip
 
-def _address(array: Array, copies: list[Array]) -> int:
-    """Return the address of an array's first number, or of its copy, which is kept."""
-    if array.dtype is _DOUBLE and array.flags.carray and array.size:
-        return ct.addressof(_first(array))
+
+def _other(array: Array, copies: list[Array]) -> int:
+    """Return the address of an array that is empty or read-only, or of its copy; copies are kept."""
+    if not array.size:
+        return 0
     copies.append(np.ascontiguousarray(array, dtype=float))
     return int(copies[-1].ctypes.data)
 
 
+@lru_cache(maxsize=1024)
 def _sizes(mode: LoweredMode, n: int) -> tuple[int, ...]:
     """Return the numbers of entries of the arrays of a phase with n stages."""
     nx, ndx, nu = mode.state.nx, mode.state.ndx, mode.nu

@@ -148,15 +148,16 @@ class Vwbc(LowLevel):
         return tick
 
     def follow(self, plan: StagedPlan) -> None:
-        """Follow another plan with the same modes from now on; nothing is compiled and no array is copied.
+        """Follow another plan with the same modes from now on; nothing is compiled, and no array is copied.
 
         Raises:
             SolverError: the plan has a mode that the first one does not have.
             ShapeError: an array has another size than its mode's.
         """
-        super().follow(plan)
+        self._check_modes(plan)
         if self._tick is not None:
             self._tick.follow(plan)
+        self.plan = plan
 
     def _refuse_contacts(self, slots: Mapping[str, ArrayLike]) -> None:
         if self.measures_contacts and self.contact_slot in slots:
