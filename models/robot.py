@@ -108,6 +108,17 @@ class Robot:
         return tuple(foot.name for foot in self.feet)
 
     @cached_property
+    def foot_of_joint(self) -> tuple[int, ...]:
+        """Index of the one foot that each joint moves, (n,); -1 for joints that move none or several."""
+        moved: list[list[int]] = [[] for _ in self.joint_names]
+        for foot, each in enumerate(self.feet):
+            joint = self.model.frames[self.frame_id(each.frame)].parentJoint
+            while joint > ROOT:
+                moved[joint - ROOT - 1].append(foot)
+                joint = self.model.parents[joint]
+        return tuple(feet[0] if len(feet) == 1 else -1 for feet in moved)
+
+    @cached_property
     def mass(self) -> float:
         """Total mass [kg]."""
         return float(pinocchio.computeTotalMass(self.model))

@@ -20,6 +20,7 @@ from .solution import Status as Status
 from .tracking import FeedforwardPD as FeedforwardPD
 from .tracking import JointPD as JointPD
 from .tracking import LowLevel as LowLevel
+from .tracking import MeasuredContacts as MeasuredContacts
 from .tracking import PlanPhase as PlanPhase
 from .tracking import Riccati as Riccati
 from .tracking import SolvedPlan as SolvedPlan

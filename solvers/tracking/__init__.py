@@ -2,14 +2,17 @@
 
 from .baselines import FeedforwardPD as FeedforwardPD
 from .baselines import Riccati as Riccati
-from .low_level import JointPD as JointPD
+from .contacts import MeasuredContacts as MeasuredContacts
+from .gains import JointPD as JointPD
 from .low_level import LowLevel as LowLevel
 from .plan import PlanPhase as PlanPhase
 from .plan import PlanStage as PlanStage
-from .plan import SolvedPlan as SolvedPlan
 from .plan import StagedPlan as StagedPlan
+from .plan import contacts_at as contacts_at
 from .plan import modes_of as modes_of
 from .plan import stage_at as stage_at
+from .plan_memory import PlanMemory as PlanMemory
+from .program import VwbcTick as VwbcTick
 from .rows import ControlRows as ControlRows
+from .solved_plan import SolvedPlan as SolvedPlan
 from .vwbc import Vwbc as Vwbc
-from .vwbc import VwbcTick as VwbcTick

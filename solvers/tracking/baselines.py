@@ -7,8 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .low_level import JointPD, LowLevel
-from .plan import PlanStage, StagedPlan
+from .contacts import Contacts
+from .gains import JointPD
+from .low_level import LowLevel
+from .plan import CONTACT, PlanStage, StagedPlan
 
 Array = NDArray[np.float64]
 
@@ -28,7 +30,11 @@ class FeedforwardPD(LowLevel):
         plan: the plan.
         kp: a number, or one per control [Nm/rad].
         kd: a number, or one per control [Nm s/rad].
+        in_stance: factor of the gains in stance, see :class:`JointPD`.
+        contact_of: per control the index of its contact flag, see :class:`JointPD`.
         damping: of the last resort [Nm s/rad].
+        contacts: ``"schedule"``, ``"measured"`` or settings, see :class:`LowLevel`.
+        contact_slot: slot of the models with the contact flags.
     """
 
     def __init__(
@@ -37,9 +43,14 @@ class FeedforwardPD(LowLevel):
         *,
         kp: float | Sequence[float] = 20.0,
         kd: float | Sequence[float] = 0.5,
+        in_stance: float = 1.0,
+        contact_of: Sequence[int] | None = None,
         damping: float = 1.0,
+        contacts: Contacts = "schedule",
+        contact_slot: str = CONTACT,
     ) -> None:
-        super().__init__(plan, gains=JointPD(kp, kd), damping=damping)
+        gains = JointPD(kp, kd, in_stance, contact_of)
+        super().__init__(plan, gains=gains, damping=damping, contacts=contacts, contact_slot=contact_slot)
 
     def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
         return at.u

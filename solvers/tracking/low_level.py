@@ -1,11 +1,9 @@
-"""What low-level controllers share: the deviation from the plan, bounds of single controls, and PD gains on joints."""
+"""What low-level controllers share: the plan, its deviation, contacts, bounds of single controls, and PD gains."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,55 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ShapeError, SolverError, UnknownNameError
 from piaffe.ocp import LoweredMode, Manifold
 
-from .plan import PlanStage, StagedPlan, modes_of, stage_at
+from .contacts import ContactFilter, Contacts, contact_settings, count_contacts, readings, scheduled_soon
+from .gains import JointPD
+from .plan import CONTACT, PlanStage, StagedPlan, contacts_at, followed, modes_of, place_at, stage_at
 from .rows import ControlRows
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class JointPD:
-    """Gains on joint angles and speeds, added to a control: u + kp (q̄ − q) + kd (v̄ − v).
-
-    Joints are the state's positions and velocities with the labels of the controls.
-
-    Args:
-        kp: a number, or one per control [Nm/rad].
-        kd: a number, or one per control [Nm s/rad].
-    """
-
-    kp: float | Sequence[float] = 3.0
-    kd: float | Sequence[float] = 0.5
-
-    def __call__(self, mode: LoweredMode, deviation: Array) -> Array:
-        """Return −kp (q − q̄) − kd (v − v̄) of a deviation x ⊖ x̄ (ndx,), (nu,)."""
-        joints = driven(mode)
-        return -np.asarray(self.kp) * deviation[joints.position] - np.asarray(self.kd) * deviation[joints.velocity]
-
-
-class Driven(NamedTuple):
-    """The slices, in the tangent of the state, of the positions and velocities that the controls drive."""
-
-    position: slice
-    velocity: slice
-
-
-def driven(mode: LoweredMode) -> Driven:
-    """Return the positions and velocities with the labels of the controls.
-
-    Raises:
-        SolverError: the state has no such velocities.
-    """
-    labels = tuple(label for block in mode.model.control.blocks for label in block.labels)
-    for block in mode.state.blocks:
-        if block.rate_of is not None and block.labels == labels:
-            slices = mode.state.tangent_slices
-            return Driven(slices[block.rate_of], slices[block.quantity])
-    names = ", ".join(label.strip() for label in mode.model.control.labels)
-    raise SolverError(
-        f"joint gains, model '{mode.model.name}': the state has no velocities of the controls - got controls {names}, "
-        "expected a block of the state with these labels that is the rate of another; leave the gains out"
-    )
 
 
 class LowLevel(ABC):
@@ -76,10 +31,15 @@ class LowLevel(ABC):
             ``("base.position x", "base.position y")``.
         gains: added to the control; none by default.
         damping: of the last resort [Nm s/rad].
+        contacts: ``"schedule"``: the plan's; ``"measured"`` or settings: flags that are given at every tick,
+            ``control(x, t, flags)``, merged with the plan's, see :class:`MeasuredContacts`.
+        contact_slot: slot of the models with the contact flags.
 
     Raises:
         UnknownNameError: no state of the plan has such a component.
-        SolverError: gains are given, and the state has no velocities of the controls.
+        SolverError: gains are given, and the state has no velocities of the controls; contacts are measured, or gains
+            depend on them, and the models have no such flags.
+        ShapeError: another number of gains than of controls.
     """
 
     def __init__(
@@ -89,40 +49,87 @@ class LowLevel(ABC):
         leave_out: Sequence[str] = (),
         gains: JointPD | None = None,
         damping: float = 1.0,
+        contacts: Contacts = "schedule",
+        contact_slot: str = CONTACT,
     ) -> None:
-        self.plan, self.gains, self.damping = plan, gains, damping
-        self.rows = {mode: ControlRows(mode) for mode in modes_of(plan)}
-        self._kept = {mode: kept(mode.state, leave_out, type(self).__name__) for mode in modes_of(plan)}
+        self.plan, self.gains, self.damping, self.contact_slot = plan, gains, damping, contact_slot
+        self._name, self._modes = type(self).__name__, modes_of(plan)
+        self._known = frozenset(self._modes)
+        self.rows = {mode: ControlRows(mode) for mode in self._modes}
+        self._kept = {mode: kept(mode.state, leave_out, self._name) for mode in self._modes}
+        self._settings = contact_settings(contacts, self._name)
+        why = f"{self._name}, measured contacts" if self._settings is not None else None
+        if gains is not None and gains.by_contact:
+            why = why or f"{self._name}, gains by contact"
+        self._num_contacts = count_contacts(self._modes, contact_slot, why)
         if gains is not None:
-            for mode in modes_of(plan):
-                driven(mode)
+            for mode in self._modes:
+                gains.numbers(mode, self._num_contacts)
+        self._filter = None if self._settings is None else ContactFilter(self._settings, self._num_contacts)
+        self._in_contact = np.zeros(self._num_contacts)
         self.ticks = self.damped = 0
 
-    def control(self, x: ArrayLike, t: float) -> Array:
-        """Return the control of a state (nx,) at time t [s], (nu,).
+    @property
+    def measures_contacts(self) -> bool:
+        """Whether :meth:`control` needs measured contact flags."""
+        return self._settings is not None
+
+    @property
+    def in_contact(self) -> Array:
+        """Which points counted as in contact in the last tick, (nf,); empty if the models have no such flags."""
+        return self._in_contact.copy()
+
+    def contacts(self, t: float) -> Array:
+        """Return the plan's contact flags at time t [s], (nf,).
 
         Raises:
-            ShapeError: the state has another size than the plan's at this time.
+            UnknownNameError: the model at this time has no such slot.
+        """
+        return contacts_at(self.plan, t, self.contact_slot)
+
+    def follow(self, plan: StagedPlan) -> None:
+        """Follow another plan with the same modes from now on; nothing is compiled.
+
+        Raises:
+            SolverError: the plan has a mode that the first one does not have.
+        """
+        self._check_modes(plan)
+        self.plan = plan
+
+    def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
+        """Return the control of a state (nx,) at time t [s], (nu,).
+
+        Args:
+            x: measured state (nx,).
+            t: time [s].
+            contacts: measured contact flags (nf,), if contacts are measured.
+
+        Raises:
+            ShapeError: the state has another size than the plan's at this time, or there are not nf flags.
+            SolverError: contacts are measured and not given, or given and not measured.
         """
         state, at = np.asarray(x, dtype=float), stage_at(self.plan, t)
         if state.shape != at.x.shape:
             raise ShapeError(
-                f"{type(self).__name__}: state has the wrong size - got shape {state.shape}, expected {at.x.shape}; "
+                f"{self._name}: state has the wrong size - got shape {state.shape}, expected {at.x.shape}; "
                 f"give a state of model '{at.mode.model.name}'"
             )
+        self._in_contact = self._touching(at, t, self._readings(contacts))
         self.ticks += 1
         if np.isfinite(state).all():
             deviation = at.mode.state.np_minus(state, at.x)
             u = self._control(at, state, deviation * self._kept[at.mode])
             if self.gains is not None:
-                u = u + self.gains(at.mode, deviation)
+                u = u + self.gains(at.mode, deviation, self._in_contact)
             u = self.bounded(at, state, u)
             if np.isfinite(u).all():
                 return u
         self.damped += 1
         return self.bounded(at, at.x, self._damp(at.mode, state))
 
-    __call__ = control
+    def __call__(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
+        """Return :meth:`control`."""
+        return self.control(x, t, contacts)
 
     @abstractmethod
     def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
@@ -136,6 +143,35 @@ class LowLevel(ABC):
     def _numbers(self, at: PlanStage) -> tuple[Array, Array, Array]:
         """Return the parameters of a stage, and the masks of its inequality and equality rows."""
         return at.p, at.g_mask, at.h_mask
+
+    def _check_modes(self, plan: StagedPlan) -> None:
+        modes = modes_of(plan)
+        if modes != self._modes and not self._known.issuperset(modes):
+            others = ", ".join(f"'{mode.model.name}' {mode.key}" for mode in modes if mode not in self._known)
+            raise SolverError(
+                f"{self._name}: the plan has other modes - got {others}, expected modes of the first plan; compile "
+                "both problems in one process with the same model and terms, or make another controller"
+            )
+
+    def _readings(self, contacts: ArrayLike | None) -> Array | None:
+        """Return measured flags if they are measured."""
+        if (contacts is None) != (self._settings is None):
+            got, expected = ("none", "flags") if contacts is None else ("flags", "none")
+            raise SolverError(
+                f"{self._name}: contacts do not fit - got {got}, expected {expected}; call control(x, t, flags) if and "
+                "only if the controller was made with contacts='measured'"
+            )
+        return None if contacts is None else readings(contacts, self._num_contacts, self._name)
+
+    def _touching(self, at: PlanStage, t: float, measured: Array | None) -> Array:
+        """Return which points count as in contact, (nf,)."""
+        if self._num_contacts == 0:
+            return np.zeros(0)
+        if self._filter is None or self._settings is None or measured is None:
+            return self._numbers(at)[0][at.mode.layout.slots[self.contact_slot]] + 0.0
+        phases = followed(self.plan)
+        soon = scheduled_soon(phases, place_at(phases, t), t + self._settings.early, self.contact_slot)
+        return self._filter(measured, at.p[at.mode.layout.slots[self.contact_slot]], soon, t)
 
     def _damp(self, mode: LoweredMode, x: Array) -> Array:
         """Return −damping v of the joints; zero for speeds that are not finite or that the state does not have."""

@@ -1,4 +1,4 @@
-"""What a low-level controller needs of a plan at one time, and solutions as such plans."""
+"""What a low-level controller needs of a plan: phases with arrays, and the stage at a time."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import SolverError
-from piaffe.ocp import SAME_TIME, CompiledProblem, LoweredMode, Problem, check_fits, compile_problem
-
-from ..solution import Solution
+from piaffe.errors import UnknownNameError
+from piaffe.ocp import SAME_TIME, LoweredMode
 
 Array = NDArray[np.float64]
+
+CONTACT = "contact"
+"""Name of the slot with the contact flags, unless another one is given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,9 @@ class PlanStage:
 class PlanPhase:
     """A phase of a plan, with N stages.
 
+    A low level in C refers to arrays of 64-bit numbers that lie row by row in memory, and copies others.
+    Do not write into them while the plan is followed.
+
     Args:
         mode: its mode.
         times: node times (N+1,) [s].
@@ -60,7 +64,7 @@ class PlanPhase:
         Q_ux: (N, nu, ndx).
         Q_uu: (N, nu, nu).
         p: parameters of the stages (N, np).
-        g_mask: 0 or 1 per stage and inequality row (N, ng).
+        g_mask: 0 or 1 per stage and inequality row (N, ng), those of ``p``.
         h_mask: the same for equalities (N, nh).
     """
 
@@ -78,11 +82,19 @@ class PlanPhase:
 
 
 class StagedPlan(Protocol):
-    """A plan that a low-level controller follows."""
+    """A plan that a low-level controller follows.
+
+    Its phases from the first one with states or controls of another size on are left out, as the tail of a cascade.
+    After its last stage, this stage is held: its control, and the state at its end.
+
+    A plan may also have ``modes``, a tuple of all modes that it and the plans after it have, and ``address``, where
+    it lies in memory as ``struct plan`` of ``plan.h``, with modes numbered as in ``modes``. The low level in C then
+    reads that memory.
+    """
 
     @property
     def phases(self) -> Sequence[PlanPhase]:
-        """The phases, in the order of time; all have states of one size."""
+        """The phases, in the order of time."""
         ...
 
     def row_name(self, mode: LoweredMode, kind: str, row: int) -> str:
@@ -90,9 +102,27 @@ class StagedPlan(Protocol):
         ...
 
 
+def followed(plan: StagedPlan) -> Sequence[PlanPhase]:
+    """Return the phases before the first one with states or controls of another size."""
+    phases = plan.phases
+    nx, nu = phases[0].states.shape[1], phases[0].controls.shape[1]
+    for i, phase in enumerate(phases):
+        if phase.states.shape[1] != nx or phase.controls.shape[1] != nu:
+            return phases[:i]
+    return phases
+
+
 def modes_of(plan: StagedPlan) -> tuple[LoweredMode, ...]:
-    """Return the modes of a plan, each once."""
-    return tuple(dict.fromkeys(phase.mode for phase in plan.phases))
+    """Return the modes of a plan, each once: those that it says, or those of the phases that are followed."""
+    own: tuple[LoweredMode, ...] | None = getattr(plan, "modes", None)
+    return own or tuple(dict.fromkeys(phase.mode for phase in followed(plan)))
+
+
+def place_at(phases: Sequence[PlanPhase], t: float) -> tuple[int, int]:
+    """Return phase and stage at time t [s]; on a boundary the later one applies."""
+    i = max((i for i, each in enumerate(phases) if each.times[0] <= t + SAME_TIME), default=0)
+    times = phases[i].times
+    return i, int(np.clip(np.searchsorted(times, t + SAME_TIME, side="right") - 1, 0, len(times) - 2))
 
 
 def stage_at(plan: StagedPlan, t: float) -> PlanStage:
@@ -100,9 +130,9 @@ def stage_at(plan: StagedPlan, t: float) -> PlanStage:
 
     Before its start and after its end, its first or last stage and state apply.
     """
-    phase = plan.phases[max((i for i, each in enumerate(plan.phases) if each.times[0] <= t + SAME_TIME), default=0)]
-    last = len(phase.times) - 2
-    k = int(np.clip(np.searchsorted(phase.times, t + SAME_TIME, side="right") - 1, 0, last))
+    phases = followed(plan)
+    i, k = place_at(phases, t)
+    phase = phases[i]
     share = float(np.clip((t - phase.times[k]) / (phase.times[k + 1] - phase.times[k]), 0.0, 1.0))
     space, here = phase.mode.state, phase.states[k]
     return PlanStage(
@@ -112,57 +142,15 @@ def stage_at(plan: StagedPlan, t: float) -> PlanStage:
     )  # fmt: skip
 
 
-class SolvedPlan:
-    """A solution as a plan.
-
-    The expansions of the action value are those of the solver's last backward sweep. They contain the barrier of the
-    inequalities and the augmented Lagrangian of the equalities. Phases from the first one with states of another size
-    on are left out.
-
-    Args:
-        solution: the solution.
-        problem: its problem.
+def contacts_at(plan: StagedPlan, t: float, slot: str = CONTACT) -> Array:
+    """Return the scheduled contact flags at time t [s], (nf,).
 
     Raises:
-        ProblemError: the solution is not of this problem.
-        SolverError: the solution has no policy.
+        UnknownNameError: the model at this time has no such slot.
     """
-
-    def __init__(self, solution: Solution, problem: Problem | CompiledProblem) -> None:
-        compiled = problem if isinstance(problem, CompiledProblem) else compile_problem(problem, checks=False)
-        check_fits(compiled, solution.trajectory)
-        self._compiled = compiled
-        phases = []
-        for phase, part, policy in zip(compiled.phases, solution.trajectory.phases, solution.phases, strict=True):
-            if phase.mode.state.nx != compiled.phases[0].mode.state.nx:
-                break
-            if policy.Q_uu.size and not np.all(np.linalg.eigvalsh(policy.Q_uu)[:, 0] > 0):
-                raise SolverError(
-                    f"plan, phase '{part.name}': the solution has no policy - got a Hessian of the action value that "
-                    f"is not positive definite (status {solution.status.name}), expected one; solve until it converges"
-                )
-            phases.append(
-                PlanPhase(
-                    mode=phase.mode,
-                    times=part.times,
-                    states=part.states,
-                    controls=part.controls,
-                    feedback=policy.feedback,
-                    Q_u=policy.Q_u,
-                    Q_ux=policy.Q_ux,
-                    Q_uu=policy.Q_uu,
-                    p=phase.p,
-                    g_mask=phase.g_mask,
-                    h_mask=phase.h_mask,
-                )
-            )
-        self._phases = tuple(phases)
-
-    @property
-    def phases(self) -> Sequence[PlanPhase]:
-        """The phases, in the order of time."""
-        return self._phases
-
-    def row_name(self, mode: LoweredMode, kind: str, row: int) -> str:
-        """Return the name of a row of a mode's stages: term, component and side."""
-        return self._compiled.row_name(mode.rows[f"stage_{kind}"][row])
+    phases = followed(plan)
+    i, k = place_at(phases, t)
+    mode = phases[i].mode
+    if slot not in mode.layout.slots:
+        raise UnknownNameError(f"contacts, model '{mode.model.name}'", "slot", slot, mode.layout.slots)
+    return np.array(phases[i].p[k, mode.layout.slots[slot]])

@@ -5,61 +5,28 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ShapeError, SolverError, UnknownNameError
+from piaffe.errors import SolverError
 from piaffe.ocp import TIME_STEP, LoweredMode
 
 from ..qp import QpMethod, QpStatus, qp_method
-from .low_level import JointPD, LowLevel
-from .native import NativeTick, tick_library
-from .plan import PlanStage, StagedPlan, modes_of, stage_at
+from .contacts import Contacts
+from .gains import JointPD
+from .low_level import LowLevel
+from .memory import NativeTick
+from .native import tick_library
+from .plan import CONTACT, PlanStage, StagedPlan, stage_at
+from .program import Program, VwbcTick
+from .slots import Changes, slot_changes
 
 Array = NDArray[np.float64]
 Backend = Literal["native", "numpy"]
 
 _STATUSES = tuple(QpStatus)
-
-
-class Program(NamedTuple):
-    """The quadratic program of a tick, in δu: minimise ½ δuᵀH δu + gᵀδu subject to A δu = b, C δu ≥ d.
-
-    Attributes:
-        H: (nu, nu).
-        g: (nu,).
-        A: (m, nu).
-        b: (m,).
-        C: (k, nu).
-        d: (k,).
-        rows: index of each inequality among the rows of the mode, (k,).
-    """
-
-    H: Array
-    g: Array
-    A: Array
-    b: Array
-    C: Array
-    d: Array
-    rows: NDArray[np.int_]
-
-
-@dataclass(frozen=True)
-class VwbcTick:
-    """What the last tick did.
-
-    Args:
-        status: of the quadratic program; None if the state was not finite.
-        iterations: of the quadratic program.
-        active: names of the inequality rows that hold as equalities.
-    """
-
-    status: QpStatus | None
-    iterations: int
-    active: tuple[str, ...]
 
 
 class Vwbc(LowLevel):
@@ -88,6 +55,8 @@ class Vwbc(LowLevel):
         leave_out: components of the state that do not count in δx, see :class:`LowLevel`.
         gains: added to the control after the program; none by default.
         damping: of the last resort [Nm s/rad].
+        contacts: ``"schedule"``, ``"measured"`` or settings, see :class:`LowLevel`. Masks of rows follow.
+        contact_slot: slot of the models with the contact flags.
         slots: other values of the model's slots in the low level, by name, as ``{"gamma": 20.0}``.
         qp: method of the quadratic program, see :func:`solve_qp`.
         step_feedforward: whether the gradient Q_u counts.
@@ -96,7 +65,7 @@ class Vwbc(LowLevel):
     Raises:
         UnknownNameError: a model has no such slot, or no state such a component.
         ShapeError: a slot has another size.
-        SolverError: the method is unknown.
+        SolverError: the method is unknown; gains or contacts do not fit the models.
     """
 
     def __init__(
@@ -106,6 +75,8 @@ class Vwbc(LowLevel):
         leave_out: Sequence[str] = (),
         gains: JointPD | None = None,
         damping: float = 1.0,
+        contacts: Contacts = "schedule",
+        contact_slot: str = CONTACT,
         slots: Mapping[str, ArrayLike] | None = None,
         qp: QpMethod = "own",
         step_feedforward: bool = True,
@@ -113,15 +84,19 @@ class Vwbc(LowLevel):
     ) -> None:
         if backend not in ("native", "numpy"):
             raise SolverError(f"vwbc: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one")
-        super().__init__(plan, leave_out=leave_out, gains=gains, damping=damping)
+        super().__init__(
+            plan, leave_out=leave_out, gains=gains, damping=damping, contacts=contacts, contact_slot=contact_slot
+        )
         self._solve, self._gradient = qp_method(qp), 1.0 if step_feedforward else 0.0
-        self._modes = modes_of(plan)
-        self._changes = {
-            mode: [(mode.layout.slices[TIME_STEP], np.zeros(1)), *_changes(mode, slots or {})] for mode in self._modes
+        self._refuse_contacts(slots or {})
+        self._changes: dict[LoweredMode, Changes] = {
+            mode: [(mode.layout.slices[TIME_STEP], np.zeros(1)), *slot_changes(mode, slots or {})]
+            for mode in self._modes
         }
-        self._measured: dict[LoweredMode, list[tuple[slice, Array]]] = {mode: [] for mode in self._modes}
-        self._wants_native = backend == "native" and qp == "own"
-        self._tick = self._native() if self._wants_native else None
+        self._new_masks = bool(slots) or self.measures_contacts
+        self._measured: dict[LoweredMode, Changes] = {mode: [] for mode in self._modes}
+        self._tick = self._native() if backend == "native" and qp == "own" else None
+        self._shape = (self._modes[0].state.nx,)
         self._row_names = {
             mode: [plan.row_name(mode, "g", i) for i in range(len(mode.rows["stage_g"]))] for mode in self._modes
         }
@@ -163,74 +138,86 @@ class Vwbc(LowLevel):
         library = tick_library(self._modes, self.rows)
         if library is None:
             return None
-        nu, gains = self._modes[0].nu, None
-        if self.gains is not None:
-            gains = np.broadcast_to(self.gains.kp, nu) + 0.0, np.broadcast_to(self.gains.kd, nu) + 0.0
-        numbers = [
-            (p, *self.rows[phase.mode].masks(p))
-            for phase in self.plan.phases
-            for p in (_written(phase.p, self._changes[phase.mode]),)
-        ]
-        return NativeTick(library, self._modes, self.plan, numbers, self._kept, gains, self.damping, self._gradient)
+        tick = NativeTick(
+            library, self._modes, self._kept, gains=self.gains, measured=self._settings,
+            num_contacts=self._num_contacts, contact_slot=self.contact_slot, damping=self.damping,
+            gradient=self._gradient,
+        )  # fmt: skip
+        tick.change(self._changes, self._new_masks)
+        tick.follow(self.plan)
+        return tick
 
     def follow(self, plan: StagedPlan) -> None:
-        """Follow another plan with the same modes from now on; nothing is compiled.
+        """Follow another plan with the same modes from now on; nothing is compiled, and no array is copied.
 
         Raises:
             SolverError: the plan has a mode that the first one does not have.
+            ShapeError: an array has another size than its mode's.
         """
-        if not set(modes_of(plan)) <= set(self._modes):
-            others = ", ".join(f"'{mode.model.name}' {mode.key}" for mode in modes_of(plan) if mode not in self._modes)
-            raise SolverError(
-                f"vwbc: the plan has other modes - got {others}, expected modes of the first plan; compile both "
-                "problems in one process with the same model and terms, or make another controller"
-            )
-        self.plan = plan
+        self._check_modes(plan)
         if self._tick is not None:
-            self._tick = self._native()
-            self._tell()
+            self._tick.follow(plan)
+        self.plan = plan
+
+    def _refuse_contacts(self, slots: Mapping[str, ArrayLike]) -> None:
+        if self.measures_contacts and self.contact_slot in slots:
+            raise SolverError(
+                f"vwbc: two sources of contacts - got slot '{self.contact_slot}' and contacts='measured', expected "
+                "one; give the flags to control(x, t, flags)"
+            )
 
     def measure(self, slots: Mapping[str, ArrayLike] | None = None) -> None:
         """Set slots of the models in the following ticks, in place of the plan's; masks of rows follow.
 
-        ``controller.measure({"contact": flags})`` replaces the scheduled contacts by measured ones, (nf,);
-        ``controller.measure()`` returns to the schedule. The action value stays the plan's.
+        ``controller.measure({"gravity": g})`` replaces the plan's gravity by a measured one, (3,);
+        ``controller.measure()`` returns to the plan's. The action value stays the plan's. Flags of contact replace
+        the plan's as they are; ``contacts="measured"`` merges them with the schedule.
 
         Raises:
+            SolverError: the slot is that of contacts, and these are measured.
             UnknownNameError: a model has no such slot.
             ShapeError: a slot has another size.
         """
-        self._measured = {mode: _changes(mode, slots or {}) for mode in self._modes}
-        self._tell()
-
-    def _tell(self) -> None:
-        """Write what is measured into the memory of the tick in C."""
+        self._refuse_contacts(slots or {})
+        self._measured = {mode: slot_changes(mode, slots or {}) for mode in self._modes}
         if self._tick is not None:
-            self._tick.measure(self._measured)
+            every = {mode: [*self._changes[mode], *self._measured[mode]] for mode in self._modes}
+            self._tick.change(every, self._new_masks or bool(slots))
 
-    def control(self, x: ArrayLike, t: float) -> Array:
+    def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
         """Return the control of a state (nx,) at time t [s], (nu,).
 
+        Args:
+            x: measured state (nx,).
+            t: time [s].
+            contacts: measured contact flags (nf,), if contacts are measured.
+
         Raises:
-            ShapeError: the state has another size than the plan's.
+            ShapeError: the state has another size than the plan's, or there are not nf flags.
+            SolverError: contacts are measured and not given, or given and not measured.
         """
-        state = np.asarray(x, dtype=float)
-        if self._tick is None or state.shape != self.plan.phases[0].states.shape[1:]:
+        state, tick = np.asarray(x, dtype=float), self._tick
+        if tick is None or state.shape != self._shape:
             self.last = VwbcTick(None, 0, ())
-            return super().control(state, t)
-        u, told = self._tick(state, t), self._tick.outcome
+            return super().control(state, t, contacts)
+        if contacts is not None or self.measures_contacts:
+            tick.readings[:] = self._readings(contacts)
+        u, told = tick(state, t), tick.outcome
         self.ticks += 1
         self.damped += told.damped
         status = None if told.status < 0 else _STATUSES[told.status]
         if status is not None:
             self.statuses[status] += 1
             self.iterations[told.iterations] += 1
-        rows = self._tick.active[: told.num_active]
+        rows = tick.active[: told.num_active]
         active = tuple(self._row_names[self._modes[told.mode]][i] for i in rows) if len(rows) else ()
         self.last = VwbcTick(status, told.iterations, active)
         return u
 
-    __call__ = control
+    @property
+    def in_contact(self) -> Array:
+        """Which points counted as in contact in the last tick, (nf,); empty if the models have no such flags."""
+        return (self._in_contact if self._tick is None else self._tick.in_contact).copy()
 
     def program(self, x: ArrayLike, t: float) -> Program:
         """Return the quadratic program of a state (nx,) at time t [s]."""
@@ -243,7 +230,13 @@ class Vwbc(LowLevel):
         return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows)
 
     def _numbers(self, at: PlanStage) -> tuple[Array, Array, Array]:
-        p = _written(at.p, self._changes[at.mode] + self._measured[at.mode])
+        p = at.p.copy()
+        for where, value in (*self._changes[at.mode], *self._measured[at.mode]):
+            p[where] = value
+        if self.measures_contacts:
+            p[at.mode.layout.slots[self.contact_slot]] = self.in_contact
+        if not (self._new_masks or self._measured[at.mode]):
+            return p, at.g_mask, at.h_mask
         g_mask, h_mask = self.rows[at.mode].masks(p[None])
         return p, g_mask[0], h_mask[0]
 
@@ -255,27 +248,3 @@ class Vwbc(LowLevel):
         active = tuple(self._row_names[at.mode][i] for i in made.rows[result.active])
         self.last = VwbcTick(result.status, result.iterations, active)
         return at.u + (result.x if result.status is QpStatus.SOLVED else at.feedback @ deviation)
-
-
-def _written(p: Array, changes: Sequence[tuple[slice, Array]]) -> Array:
-    """Return parameters of stages with other values in some places, (..., np)."""
-    changed = p.copy()
-    for where, value in changes:
-        changed[..., where] = value
-    return changed
-
-
-def _changes(mode: LoweredMode, slots: Mapping[str, ArrayLike]) -> list[tuple[slice, Array]]:
-    """Return the places of slots in the parameter vector, and their values."""
-    changes = []
-    for name, given in slots.items():
-        if name not in mode.layout.slots:
-            raise UnknownNameError(f"vwbc, model '{mode.model.name}'", "slot", name, mode.layout.slots)
-        where, value = mode.layout.slots[name], np.atleast_1d(np.asarray(given, dtype=float)).ravel()
-        if value.size not in (1, where.stop - where.start):
-            raise ShapeError(
-                f"vwbc, model '{mode.model.name}', slot '{name}': wrong size - got {value.size} entries, expected "
-                f"{where.stop - where.start}; fix it"
-            )
-        changes.append((where, value))
-    return changes

@@ -1,25 +1,31 @@
-/* Data of a low level that minimises the action value; vwbc.py is the same in NumPy, native.py fills the memory. */
+/* Data of a low level that minimises the action value; vwbc.py is the same in NumPy, memory.py fills the memory. */
 #ifndef PIAFFE_TICK_H
 #define PIAFFE_TICK_H
 
 #include <math.h>
+#include <string.h>
 
+#include "contacts.h"
 #include "dual.c"
 #include "functions.h"
+#include "plan.h"
 
-struct phase { /* of the plan, with N stages; arrays are row by row */
-    int mode, stages;
-    const double *times, *x, *u, *K, *Q_u, *Q_ux, *Q_uu, *p, *g_mask, *h_mask;
-    const double *kept;     /* (ndx), 0 for components that do not count */
-    const int *measured_at; /* places in p of what is measured */
+struct own_mode { /* what the low level has of a mode */
+    const double *kept;    /* (ndx), 0 for components that do not count */
+    const int *changed_at; /* (num_changed) places in p */
+    int num_parameters, contact_at; /* np; place of the contact flags in p */
 };
 
 struct low_level {
-    int num_phases, gains, num_measured;
-    const struct phase *phases;
-    const double *kp, *kd;  /* (nu) */
-    const double *measured; /* parameters in place of the plan's */
-    double damping, gradient;
+    const struct plan *plan;
+    const struct own_mode *modes;
+    struct contacts *contacts; /* 0 if the schedule's hold */
+    const double *changed;     /* (num_changed) parameters in place of the plan's */
+    const double *kp, *kd;     /* (nu) */
+    const int *contact_of;     /* (nu) index of each control's contact flag, -1 for none */
+    double *in_contact;        /* (num_contacts), of this tick */
+    double in_stance, damping, gradient;
+    int num_changed, new_masks, num_contacts, gains;
 };
 
 /* What a tick did; status is -1 if no program was made. active: rows of the mode. */
@@ -28,6 +34,6 @@ struct outcome {
     int *active;
 };
 
-typedef void (*tick_function)(const struct low_level *, const struct phase *, int, double, const double *, double *,
-                              struct outcome *);
+typedef void (*tick_function)(const struct low_level *, const struct plan_phase *, int, double, const double *,
+                              double *, struct outcome *);
 #endif

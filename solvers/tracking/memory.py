@@ -1,0 +1,150 @@
+"""The memory of a tick in C: what the low level has of its modes, contacts, and the plan."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import LoweredMode
+
+from .contacts import MeasuredContacts
+from .gains import JointPD
+from .plan import StagedPlan, followed
+from .plan_memory import PlanMemory
+from .slots import Changes
+
+Array = NDArray[np.float64]
+
+
+class _OwnMode(ct.Structure):
+    _fields_ = [
+        ("kept", ct.c_void_p), ("changed_at", ct.c_void_p), ("num_parameters", ct.c_int), ("contact_at", ct.c_int),
+    ]  # fmt: skip
+
+
+class _Contacts(ct.Structure):
+    _fields_ = [
+        *((name, ct.c_double) for name in ("last", "debounce", "leave", "early", "late")),
+        *((name, ct.c_void_p) for name in ("measured", "scheduled", "soon", "on", "before", "since", "due")),
+    ]
+
+
+class _LowLevel(ct.Structure):
+    _fields_ = [
+        *((name, ct.c_void_p) for name in ("plan", "modes", "contacts", "changed", "kp", "kd", "contact_of")),
+        *((name, ct.c_void_p) for name in ("in_contact",)),
+        *((name, ct.c_double) for name in ("in_stance", "damping", "gradient")),
+        *((name, ct.c_int) for name in ("num_changed", "new_masks", "num_contacts", "gains")),
+    ]
+
+
+class Outcome(ct.Structure):
+    """What a tick did; see ``tick.h``."""
+
+    _fields_ = [
+        ("status", ct.c_int), ("iterations", ct.c_int), ("damped", ct.c_int), ("mode", ct.c_int),
+        ("num_active", ct.c_int), ("active", ct.c_void_p),
+    ]  # fmt: skip
+
+
+class NativeTick:
+    """A plan in C memory, and the memory of a tick; nothing is allocated in :meth:`__call__` but the result.
+
+    Args:
+        library: the compiled tick of the plan's modes.
+        modes: the modes of the library.
+        kept: per mode, 0 for components of the tangent that do not count (ndx,).
+        gains: PD gains; None for none.
+        measured: settings of measured contacts; None if the schedule's hold.
+        num_contacts: number of contact flags; 0 for none.
+        contact_slot: slot with the contact flags.
+        damping: of the last resort.
+        gradient: factor of Q_u.
+    """
+
+    def __init__(
+        self,
+        library: ct.CDLL,
+        modes: Sequence[LoweredMode],
+        kept: Mapping[LoweredMode, Array],
+        *,
+        gains: JointPD | None,
+        measured: MeasuredContacts | None,
+        num_contacts: int,
+        contact_slot: str,
+        damping: float,
+        gradient: float,
+    ) -> None:
+        self._modes, self._plan = tuple(modes), PlanMemory(modes)
+        self._kept = [np.ascontiguousarray(kept[mode]) for mode in modes]
+        self._own = (_OwnMode * len(modes))()
+        for own, mode, counts in zip(self._own, modes, self._kept, strict=True):
+            own.kept, own.num_parameters = counts.ctypes.data, mode.layout.size
+            own.contact_at = mode.layout.slots[contact_slot].start if num_contacts else -1
+        nu, nx = modes[0].nu, modes[0].state.nx
+        nothing = np.zeros(nu), np.zeros(nu), np.zeros(nu, np.int32)
+        self._gains = nothing if gains is None else gains.numbers(modes[0], num_contacts)
+        self.readings, self.in_contact = np.zeros(num_contacts), np.zeros(num_contacts)
+        self._flags = [np.zeros(num_contacts) for _ in range(6)]
+        self._contacts = _Contacts(np.inf)
+        if measured is not None:
+            places = (array.ctypes.data for array in (self.readings, *self._flags))
+            self._contacts = _Contacts(
+                np.inf, measured.debounce, measured.leave, measured.early, measured.late, *places
+            )
+        self._low = _LowLevel(
+            plan=self._plan.address, modes=ct.addressof(self._own),
+            contacts=None if measured is None else ct.addressof(self._contacts),
+            in_contact=self.in_contact.ctypes.data, in_stance=1.0 if gains is None else gains.in_stance,
+            num_contacts=num_contacts, gains=int(gains is not None), damping=damping, gradient=gradient,
+        )  # fmt: skip
+        self._low.kp, self._low.kd, self._low.contact_of = (part.ctypes.data for part in self._gains)
+        most = max(len(mode.rows["stage_g"]) for mode in modes)
+        self.active = np.zeros(max(most, 1), dtype=np.int32)
+        self.outcome = Outcome(active=self.active.ctypes.data)
+        self._x, self._u = np.zeros(nx), np.zeros(nu)
+        self._call = library.piaffe_tick
+        self._arguments = (
+            ct.addressof(self._low), self._x.ctypes.data, self._u.ctypes.data, ct.addressof(self.outcome)
+        )  # fmt: skip
+
+    def follow(self, plan: StagedPlan) -> None:
+        """Refer to another plan.
+
+        Raises:
+            ShapeError: an array has another size than its mode's.
+        """
+        address: int | None = getattr(plan, "address", None)
+        if address is not None and getattr(plan, "modes", ()) == self._modes:
+            self._low.plan = address
+            return
+        self._plan.hold(followed(plan))
+        self._low.plan = self._plan.address
+
+    def change(self, slots: Mapping[LoweredMode, Changes], masks: bool) -> None:
+        """Set parameters of each mode in the following ticks.
+
+        Args:
+            slots: places and values; all modes have as many.
+            masks: whether the masks of rows depend on them.
+        """
+        places, values = [], np.zeros(0)
+        for mode in self._modes:
+            at = [np.arange(where.start, where.stop) for where, _ in slots[mode]]
+            own = [np.broadcast_to(value, each.shape) for (_, value), each in zip(slots[mode], at, strict=True)]
+            places.append(np.concatenate([np.zeros(0), *at]).astype(np.int32))
+            values = np.concatenate([np.zeros(0), *own])
+        self._changed = places, values
+        for target, place in zip(self._own, places, strict=True):
+            target.changed_at = place.ctypes.data
+        self._low.changed, self._low.num_changed, self._low.new_masks = values.ctypes.data, len(values), int(masks)
+
+    def __call__(self, x: Array, t: float) -> Array:
+        """Return the control of a state (nx,) at a time [s], (nu,); ``outcome`` and ``active`` tell of it."""
+        low, state, control, outcome = self._arguments
+        self._x[:] = x
+        self._call(low, state, t, control, outcome)
+        return self._u.copy()
