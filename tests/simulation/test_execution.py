@@ -16,8 +16,8 @@ from piaffe.simulation import (
     Deviation,
     Execution,
     Perturbation,
-    Plant,
     Policy,
+    Simulation,
     Trial,
     declared_friction,
     execute,
@@ -258,7 +258,7 @@ def test_slip_is_that_of_the_lowest_point_of_each_foot() -> None:
     rng = np.random.default_rng(0)
     x = BODY.state(joints="stand") - np.r_[0, 0, 1e-3, np.zeros(34)]  # 1 mm into the ground
     x[19:] = 0.3 * rng.standard_normal(18)
-    simulated = Plant(plant, x)
+    simulated = Simulation(plant, x)
     simulated.step(np.zeros(12))
     model, data = ROBOT.model, ROBOT.model.createData()
     turn = pin.Quaternion(x[[4, 5, 6, 3]]).matrix()
@@ -274,14 +274,16 @@ def test_slip_is_that_of_the_lowest_point_of_each_foot() -> None:
 
 
 def test_feet_in_the_air_do_not_slip() -> None:
-    simulated = Plant(torque_plant(ROBOT), BODY.state(joints="stand", position=(0, 0, 0.6), linear_velocity=(1, 0, 0)))
+    simulated = Simulation(
+        torque_plant(ROBOT), BODY.state(joints="stand", position=(0, 0, 0.6), linear_velocity=(1, 0, 0))
+    )
     simulated.step(np.zeros(12))
     np.testing.assert_array_equal(simulated.foot_slip(), np.zeros(4))
     assert simulated.others_in_contact() == ()
 
 
 def test_a_base_on_the_ground_is_named() -> None:
-    simulated = Plant(torque_plant(ROBOT), BODY.state(joints="stand", position=(0, 0, 0.01)))
+    simulated = Simulation(torque_plant(ROBOT), BODY.state(joints="stand", position=(0, 0, 0.01)))
     simulated.step(np.zeros(12))
     assert "base hull" in simulated.others_in_contact()
     assert not set(simulated.others_in_contact()) & {*ROBOT.foot_names, models.terrain.FLOOR}

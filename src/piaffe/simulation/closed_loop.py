@@ -15,7 +15,8 @@ from piaffe.ocp import is_same_time
 
 from .controller import Controller, Plan, TickingController
 from .episode import Episode
-from .plant import Plant
+from .simulation import Simulation
+from .two_rates import Rates, TwoRates
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,8 @@ def run_episode(
     if steps < 1:
         raise SamplingError(f"episode: steps are out of range - got {steps!r}, expected at least 1; change them")
     plant = controller.model.as_plant() if plant is None else plant
-    loop = _Loop(controller, plant, _lag(controller, plant, latency), _ticks(controller, plant))
+    lag = _lag(controller, plant, latency)
+    loop = _Loop(controller, plant, Rates(plant.substeps, _ticks(controller, plant), lag))
     first = round(start / controller.dt)
     controller.reset(seed)
     x = np.array(controller.initial if initial is None else initial, dtype=float)
@@ -82,36 +84,45 @@ class _Loop:
     Args:
         controller: the controller; it plans from the state at the start of a control step.
         model: model of the plant.
-        lag: steps of the simulator until a plan acts.
-        ticks: steps of the simulator per tick; 0 if the controller has no ticks.
+        rates: of plans and ticks.
     """
 
-    def __init__(self, controller: Controller, model: Mujoco, lag: int, ticks: int) -> None:
-        self._controller, self._model, self._lag, self._ticks = controller, model, lag, ticks
+    done = False
+
+    def __init__(self, controller: Controller, model: Mujoco, rates: Rates) -> None:
+        self._controller, self._model, self._rates = controller, model, rates
 
     def begin(self, x: Array) -> None:
         """Set the first state of the plant, (nx,)."""
-        self.plant = Plant(self._model, x)
+        self.plant = Simulation(self._model, x)
+        self._two_rates = TwoRates(self.plant, self, self._rates)
         self._control = self._controller.hold(x)
-        self._planned = False
+        self._planned: Plan | None = None
 
     def step(self, t: float) -> Plan:
         """Simulate the control step that starts at time t [s], and return its plan."""
+        self._two_rates.period(t)
+        assert self._planned is not None  # a period makes a plan
+        return self._planned
+
+    def measure(self, t: float) -> Array:
+        """Return the state of the plant (nx,)."""
         measured = self.plant.state
         self.plant.settle()
-        self._advance(t, 0, self._lag)
-        plan = self._controller.plan(measured, t)
-        self._control, self._planned = np.asarray(plan.action, dtype=float), True
-        self._advance(t, self._lag, self._model.substeps)
-        return plan
+        return measured
 
-    def _advance(self, t: float, first: int, last: int) -> None:
-        for i in range(first, last):
-            if self._ticks and self._planned and (i % self._ticks == 0 or i == self._lag):
-                ticking = self._controller
-                assert isinstance(ticking, TickingController)  # it has ticks
-                self._control = np.asarray(ticking.tick(self.plant.state, t + i * self._model.timestep), dtype=float)
-            self.plant.step(self._control)
+    def plan(self, x: Array, t: float) -> None:
+        """Make a plan."""
+        self._planned = self._controller.plan(x, t)
+        self._control = np.asarray(self._planned.action, dtype=float)
+
+    def control(self, t: float, due: bool) -> Array:
+        """Return the control, (nu,): that of the plan, or of the last tick."""
+        if due and self._planned is not None and self._rates.tick:
+            ticking = self._controller
+            assert isinstance(ticking, TickingController)  # it has ticks
+            self._control = np.asarray(ticking.tick(self.plant.state, t), dtype=float)
+        return self._control
 
 
 def _ticks(controller: Controller, plant: Mujoco) -> int:

@@ -1,97 +1,131 @@
-"""A plant: MuJoCo, stepped with one control at a time, with a check for divergence."""
+"""A plant: a robot in MuJoCo with actuators and sensors, which may differ from the model of a plan."""
 
 from __future__ import annotations
 
-import copy
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from piaffe.models import Mujoco, import_mujoco
+from piaffe.errors import ModelError, ShapeError
+from piaffe.models import Payload, Robot
+from piaffe.models.terrain import Terrain
 
-from .forces import foot_forces, foot_slip, others_in_contact
+from .actuators import Actuators, Drive
+from .adjust import add_payload, finish, scale_masses, set_joints
+from .numbers import finite_number
+from .policy_run import torque_plant
+from .scene import Scene, forbid, scene_of
+from .sensors import SensorNoise, Sensors
+from .simulation import Simulation
 
 Array = NDArray[np.float64]
 
-MAX_SPEED = 1e3
-"""A simulation with a larger speed has diverged [m/s], [rad/s]."""
+FRICTION = 0.6
+"""Sliding friction coefficient of a plant's feet by default."""
 
 
 class Plant:
-    """A simulated robot.
+    """A robot to simulate: what a controller acts on in :func:`run_online`. Controls are torques on the joints.
+
+    Feet, base and knees collide with the ground.
 
     Args:
-        model: the robot in MuJoCo.
-        x: its first state (nx,).
+        robot: the robot; its torque limits and armature are the plant's, unless ``actuators`` has others.
+        timestep: of the simulator [s], at most 2 ms.
+        friction: sliding friction coefficient of the robot's surface.
+        terrain: the ground; level at z = 0 by default.
+        payload: a mass on the base, see ``models.payload``.
+        mass_scale: factor of masses and inertias, or one for each named link, as ``{"trunk": 1.05}``.
+        actuators: damping, friction, limits and delay of the joints.
+        noise: standard deviations of the sensors; none by default.
+
+    Raises:
+        ModelError: a number is out of range.
+        UnknownNameError: a mapping has an unknown name.
     """
 
-    def __init__(self, model: Mujoco, x: Array) -> None:
-        self._mujoco = import_mujoco()
-        compiled: Any = copy.copy(model.compiled())
-        bits = self._mujoco.mjtDisableBit
-        compiled.opt.disableflags |= int(bits.mjDSBL_AUTORESET)  # without this, MuJoCo resets a diverged state
-        compiled.opt.disableflags &= ~int(bits.mjDSBL_WARMSTART)
-        self._compiled, self._data = compiled, self._mujoco.MjData(compiled)
-        self._data.qpos[:], self._data.qvel[:] = x[: compiled.nq], x[compiled.nq :]
-        self._feet = [compiled.geom(foot.name).id for foot in model.robot.feet]
-        self._steps = 0
-        self.failed = False
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        timestep: float = 1e-3,
+        friction: float = FRICTION,
+        terrain: Terrain | None = None,
+        payload: Payload | None = None,
+        mass_scale: float | Mapping[str, float] = 1.0,
+        actuators: Actuators | None = None,
+        noise: SensorNoise | None = None,
+    ) -> None:
+        check(timestep, friction)
+        model = torque_plant(robot, timestep=timestep, friction=friction, ground=terrain)
+        self._finish(scene_of(model), robot.torque_limit, payload, mass_scale, actuators, noise)
+
+    def _finish(
+        self,
+        scene: Scene,
+        torque_limit: Array,
+        payload: Payload | None,
+        mass_scale: float | Mapping[str, float],
+        actuators: Actuators | None,
+        noise: SensorNoise | None,
+    ) -> None:
+        """Set the attributes: a scene with direct torques and with the changes that were asked for."""
+        self.robot, self.actuators = scene.robot, actuators or Actuators()
+        self.noise = noise or SensorNoise()
+        self.scene = Scene(**{**vars(scene), "direct": True})
+        self.space = torque_plant(scene.robot).state
+        forbid(self.scene.compiled, "ACTUATION")
+        scale_masses(self.scene, mass_scale)
+        if payload is not None:
+            add_payload(self.scene, payload)
+        set_joints(self.scene, self.actuators)
+        finish(self.scene)
+        self._limit = torque_limit
+        self.torque_limit = self._drive().torque_limit
+        """Largest torques (n,) [Nm]."""
 
     @property
-    def state(self) -> Array:
-        """Its state (nx,)."""
-        return np.concatenate([self._data.qpos, self._data.qvel])
+    def timestep(self) -> float:
+        """Time step of the simulator [s]."""
+        return float(self.scene.compiled.opt.timestep)
 
-    def foot_forces(self) -> Array:
-        """Return the world force on each foot, (nf, 3) [N], in the last step; before any step, in the first state."""
-        if self._steps == 0:
-            self._mujoco.mj_forward(self._compiled, self._data)
-        return foot_forces(self._compiled, self._data, self._feet)
+    def _drive(self) -> Drive:
+        return Drive.of(self.actuators, self.robot, self._limit, self.timestep)
 
-    def foot_slip(self) -> Array:
-        """Return how far each foot slipped along the ground in the last step, (nf,) [m]; 0 for feet in the air."""
-        return foot_slip(self._compiled, self._data, self._feet) * float(self._compiled.opt.timestep)
+    def simulate(self, x: ArrayLike) -> Simulation:
+        """Return a simulation that begins in a state (nx,).
 
-    def others_in_contact(self) -> tuple[str, ...]:
-        """Return the names of the parts that touched the ground in the last step and are no feet."""
-        return others_in_contact(self._compiled, self._data, self._feet)
+        Raises:
+            ShapeError: the state has another size.
+            ModelError: the state is not finite.
+        """
+        state = np.array(x, dtype=float)
+        if state.shape != (self.space.nx,):
+            raise ShapeError(
+                f"plant of '{self.robot.name}': state has the wrong size - got shape {state.shape}, expected "
+                f"({self.space.nx},); give a state of this robot"
+            )
+        if not np.all(np.isfinite(state)):
+            raise ModelError(
+                f"plant of '{self.robot.name}': state is not finite - got {state!r}, expected finite numbers; fix it"
+            )
+        return Simulation(self.scene, state, self._drive())
 
-    def settle(self) -> None:
-        """Clear the warm start of the contact solver, as at the start of a controller's roll-outs."""
-        self._data.qacc_warmstart[:] = 0.0
+    def sensors(self, seed: int) -> Sensors:
+        """Return its sensors, whose noise follows from a seed."""
+        return Sensors(self.noise, self.space, np.array(self.scene.compiled.opt.gravity), seed)
 
-    def step(self, control: Array) -> None:
-        """Make a step of the simulator with a control (nu,); after a failure the state does not change any more."""
-        if self.failed or not np.all(np.isfinite(control)):
-            self.failed = True
-            return
-        data, before = self._data, self.state
-        data.ctrl[:] = control
-        with _Silence(self._mujoco):
-            self._mujoco.mj_step(self._compiled, data)
-        self._steps += 1
-        stopped = bool(data.warning.number.any()) or data.time < (self._steps - 0.5) * self._compiled.opt.timestep
-        with np.errstate(invalid="ignore"):
-            bad = not np.all(np.isfinite(self.state)) or float(np.abs(data.qvel).max(initial=0.0)) > MAX_SPEED
-        if stopped or bad:
-            self.failed = True
-            data.qpos[:], data.qvel[:] = before[: self._compiled.nq], before[self._compiled.nq :]
+    def __repr__(self) -> str:
+        mass = float(self.scene.compiled.body_subtreemass[self.scene.base])
+        return f"Plant('{self.robot.name}', {mass:.3f} kg, {1e3 * self.timestep:g} ms)"
 
 
-class _Silence:
-    """Suppresses MuJoCo's message and its log file when it diverges; the plant detects a divergence itself."""
-
-    def __init__(self, mujoco: Any) -> None:
-        self._mujoco = mujoco
-
-    def __enter__(self) -> None:
-        self._before = self._mujoco.get_mju_user_warning()
-        self._mujoco.set_mju_user_warning(_ignore)
-
-    def __exit__(self, *_: object) -> None:
-        self._mujoco.set_mju_user_warning(self._before)
-
-
-def _ignore(message: str) -> None:
-    """Ignore a message."""
+def check(timestep: float, friction: float) -> None:
+    """Raise ModelError unless time step and friction are in range."""
+    if not 0 < finite_number("plant", "timestep", timestep) <= 2e-3:
+        raise ModelError(
+            f"plant: timestep is out of range - got {timestep!r}, expected 0 to 0.002 s; contacts need small steps"
+        )
+    if finite_number("plant", "friction", friction) < 0:
+        raise ModelError(f"plant: friction is out of range - got {friction!r}, expected a number ≥ 0; change it")

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.models import Mujoco, Robot, SoftContact, terrain, torques
 from piaffe.ocp import Policy
 
-from .plant import Plant
+from .simulation import Simulation
 
 Array = NDArray[np.float64]
 
@@ -142,7 +142,7 @@ def sampled(policy: Policy, timestep: float) -> Steps:
 def play(steps: Steps, plant: Mujoco, initial: ArrayLike, control: Control | None = None) -> PolicyRun:
     """Simulate a sampled policy, or another controller of its plan, from a state (nx,), see :func:`run_policy`."""
     policy, limits = steps.policy, plant.robot.torque_limit
-    simulated = Plant(plant, np.array(initial, dtype=float))
+    simulated = Simulation(plant, np.array(initial, dtype=float))
     states, forces, slips, touching, errors, full = [], [], [], [], [], []
     lost = None
     for t, phase, stage, planned in zip(steps.times, steps.phases, steps.stages, steps.states, strict=True):

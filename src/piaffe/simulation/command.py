@@ -1,0 +1,67 @@
+"""Commands to a planner during an episode, and their text form."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from piaffe.errors import ModelError
+
+from .numbers import finite_number
+
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_TEXT = re.compile(rf"(?P<name>[A-Za-z_]\w*)=(?P<value>{_NUMBER})(?:@(?P<time>{_NUMBER}))?")
+_SHORT = {"yaw": "yaw_rate"}
+
+
+@dataclass(frozen=True)
+class Command:
+    """Values that a planner is told at a time, as ``Command(3.0, {"vx": 0.8, "yaw_rate": 0.5})``.
+
+    ``vx`` and ``vy`` are the base's velocity ahead and to the left in heading axes [m/s], ``yaw_rate`` is [rad/s]. The
+    figures of an episode compare with these. Other names go to the planner, too.
+
+    Args:
+        time: since the motion's start [s]; it counts from the first plan at this time or later.
+        values: by name.
+
+    Raises:
+        ModelError: a number is out of range, or there is no value.
+    """
+
+    time: float
+    values: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        if finite_number("command", "time", self.time) < 0:
+            raise ModelError(f"command: time is out of range - got {self.time!r}, expected seconds ≥ 0; change it")
+        if not self.values:
+            raise ModelError("command: no values - got none, expected at least one, as {'vx': 0.5}; give one")
+        for name, value in self.values.items():
+            finite_number(f"command at {self.time:g} s", f"'{name}'", value)
+
+
+def parse_commands(texts: str | Iterable[str]) -> tuple[Command, ...]:
+    """Return the commands of a text, in the order of time: ``"vx=0.5 vx=0.8@3 yaw=0.5@6"``.
+
+    A value without ``@`` counts from 0 s on; ``yaw`` is short for ``yaw_rate``.
+
+    Raises:
+        ModelError: a text is not a command, or a name has two values at one time.
+    """
+    at: dict[float, dict[str, float]] = {}
+    for word in [word for text in ([texts] if isinstance(texts, str) else texts) for word in text.split()]:
+        found = _TEXT.fullmatch(word)
+        if found is None:
+            raise ModelError(
+                f"command: text is unusable - got {word!r}, expected name=value@time, as 'vx=0.5@3'; fix it"
+            )
+        name, values = _SHORT.get(found["name"], found["name"]), at.setdefault(float(found["time"] or 0.0), {})
+        if name in values:
+            raise ModelError(
+                f"command: '{name}' has two values at one time - got {values[name]:g} and {found['value']}, expected "
+                "one; remove one"
+            )
+        values[name] = float(found["value"])
+    return tuple(Command(time, values) for time, values in sorted(at.items()))

@@ -1,0 +1,50 @@
+"""Who plans and who controls online: interfaces of a planner and of a low level."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Planner(Protocol):
+    """A planner, which makes a plan every ``period`` seconds. State comes before time.
+
+    These are optional: ``command(**values)`` takes a :class:`Command`; ``velocity(t)`` returns the commanded velocity
+    ahead and to the left [m/s] and yaw rate [rad/s] at a time, with which figures compare.
+    A plan may have ``iterations`` and ``status``, and what :func:`planned_contacts` reads.
+    """
+
+    @property
+    def period(self) -> float:
+        """Time between plans [s]."""
+        ...
+
+    def reset(self) -> None:
+        """Delete the last plan."""
+        ...
+
+    def plan(self, x: Array, t: float) -> Any:
+        """Return a plan for the low level, from a state (nx,) that was measured at time t [s].
+
+        The planner itself predicts the state at the time at which the plan acts.
+        """
+        ...
+
+
+class LowLevelLike(Protocol):
+    """A low level, such as those of ``piaffe.solvers``.
+
+    If it has ``last.iterations``, ``fallbacks`` and ``damped``, an episode records them.
+    """
+
+    def control(self, x: ArrayLike, t: float) -> Array:
+        """Return the torques of a state (nx,) at time t [s], (nu,) [Nm]."""
+        ...
+
+    def follow(self, plan: Any) -> None:
+        """Follow another plan from now on."""
+        ...
