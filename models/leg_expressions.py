@@ -125,7 +125,8 @@ def _damped_step(jacobian: cs.SX, rate: cs.SX, damping: cs.SX) -> cs.SX:
     c_xx, c_yy, c_zz = yy * zz - yz**2, xx * zz - xz**2, xx * yy - xy**2
     c_xy, c_xz, c_yz = xz * yz - xy * zz, xy * yz - xz * yy, xy * xz - xx * yz
     cofactors = cs.vertcat(cs.horzcat(c_xx, c_xy, c_xz), cs.horzcat(c_xy, c_yy, c_yz), cs.horzcat(c_xz, c_yz, c_zz))
-    return jacobian.T @ (cofactors @ (rate / (xx * c_xx + xy * c_xy + xz * c_xz)))
+    inverse = 1 / (xx * c_xx + xy * c_xy + xz * c_xz)  # one division: they are slow
+    return jacobian.T @ (cofactors @ (inverse * rate))
 
 
 def _clean(numbers: Array) -> Array:

@@ -12,7 +12,7 @@ from piaffe.ocp import SAME_TIME
 Array = NDArray[np.float64]
 
 # Twelve Gauss points integrate a ramp with up to half a turn of yaw with an error below 1e-10.
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(12)
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +49,8 @@ class BasePath:
         """Return x and y, the integral of the velocity, (..., 2) [m]."""
         t = np.maximum(t, 0.0)
         within = np.minimum(t, self.ramp)
-        nodes = within[..., None] * (POINTS + 1) / 2
-        ramped = np.sum(self.velocity(nodes) * (WEIGHTS / 2)[:, None], axis=-2) * within[..., None]
+        nodes = within[..., None] * (_POINTS + 1) / 2
+        ramped = np.sum(self.velocity(nodes) * (_WEIGHTS / 2)[:, None], axis=-2) * within[..., None]
         # after the ramp an arc of a circle: the integral of R(ω s) ds is [sin, cos − 1; 1 − cos, sin] / ω
         after, turn = t - within, self.last[2] * (t - within)
         along = after * np.sinc(turn / np.pi)

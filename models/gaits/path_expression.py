@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as cs
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from piaffe.ocp import SAME_TIME
 
-from .base_path import POINTS, WEIGHTS
+Array = NDArray[np.float64]
+
+def _integral(nodes: Array) -> Array:
+    """Return the matrix from values at Gauss points to the integral from −1, as coefficients of powers, (n + 1, n)."""
+    n = len(nodes)
+    values = np.linalg.inv(legendre.legvander(nodes, n - 1))
+    return np.array([legendre.leg2poly(legendre.legint(column, lbnd=-1)) for column in values.T]).T
+
+
+# The velocity within the ramp is interpolated at these points. With half a turn in the ramp, the error of the way is
+# below 1e-11 of its length, with a full turn below 1e-7.
+_NODES = legendre.leggauss(18)[0]
+_INTEGRAL = _integral(_NODES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,16 +60,19 @@ class PathExpression:
     def position(self, t: cs.SX) -> cs.SX:
         """Return x and y, the integral of the velocity, (2, 1) [m]."""
         t = cs.fmax(t, 0)
-        within = cs.fmin(t, self.ramp)
-        mean = cs.SX.zeros(2)
-        for point, weight in zip(POINTS, WEIGHTS, strict=True):
-            mean += weight / 2 * self.velocity(within * ((point + 1) / 2))
-        # after the ramp an arc of a circle, as in BasePath.position
-        after, angle = t - within, self.last[2] * (t - within)
-        along, across = after * _sinc(angle), after * _sinc(angle / 2) * cs.sin(angle / 2)
-        forward, leftward = self.last[0], self.last[1]
-        arc = cs.vertcat(along * forward - across * leftward, across * forward + along * leftward)
-        return self.pose[:2] + within * mean + turned(self.yaw(within), arc)
+        u, ramped = 2 * progress(t, self.ramp) - 1, cs.SX.zeros(2)
+        for coefficient in reversed(self._way):
+            ramped = coefficient + u * ramped
+        # after the ramp an arc of a circle, whose chord is in the direction of its middle
+        after = cs.fmax(t - self.ramp, 0)
+        half = self.last[2] * after / 2
+        return self.pose[:2] + ramped + turned(self.yaw(self.ramp) + half, after * _sinc(half) * self.last[:2])
+
+    @cached_property
+    def _way(self) -> list[cs.SX]:
+        """Coefficients of the way within the ramp as a polynomial in u, which goes from −1 to 1 in it, (2, 1) each."""
+        velocities = cs.horzcat(*(self.velocity(self.ramp * (node + 1) / 2) for node in _NODES))
+        return cs.horzsplit(self.ramp / 2 * velocities @ _INTEGRAL.T)
 
     def velocity(self, t: cs.SX) -> cs.SX:
         """Return the velocity in world axes, (2, 1) [m/s]."""
