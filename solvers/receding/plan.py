@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from piaffe.ocp import CompiledPhase, CompiledProblem, Course, LoweredMode, PlanarFrame
+from piaffe.ocp import ORIGIN, CompiledPhase, CompiledProblem, Course, LoweredMode, PlanarFrame, relative, transform_value
 
 from ..solution import Status
 from ..tracking import PlanPhase
@@ -84,6 +84,19 @@ class Plan:
     def anchor(self) -> PlanarFrame:
         """The plan's frame in the world, (x, y, yaw) [m, m, rad]."""
         return self.course.anchor
+
+    def local(self, x: ArrayLike) -> Array:
+        """Return a state in the world (nx,) in the frame of the plan."""
+        return self._moved(x, relative(ORIGIN, self.anchor))
+
+    def world(self, x: ArrayLike) -> Array:
+        """Return a state in the frame of the plan (nx,) in the world."""
+        return self._moved(x, self.anchor)
+
+    def _moved(self, x: ArrayLike, motion: PlanarFrame) -> Array:
+        space = self.parts[0].phase.mode.state
+        values = space.unpack(np.asarray(x, dtype=float))
+        return space.pack({quantity: transform_value(quantity, value, motion) for quantity, value in values.items()})
 
     @property
     def start(self) -> float:

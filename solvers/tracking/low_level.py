@@ -96,6 +96,13 @@ class LowLevel(ABC):
         self._check_modes(plan)
         self.plan = plan
 
+    def _in_plan(self, x: ArrayLike) -> Array:
+        """Return a measured state in the frame of the plan."""
+        state, local = np.asarray(x, dtype=float), getattr(self.plan, "local", None)
+        if local is None or state.shape != self.plan.phases[0].states.shape[1:]:
+            return state
+        return np.asarray(local(state))
+
     def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
         """Return the control of a state (nx,) at time t [s], (nu,).
 
@@ -108,7 +115,7 @@ class LowLevel(ABC):
             ShapeError: the state has another size than the plan's at this time, or there are not nf flags.
             SolverError: contacts are measured and not given, or given and not measured.
         """
-        state, at = np.asarray(x, dtype=float), stage_at(self.plan, t)
+        state, at = self._in_plan(x), stage_at(self.plan, t)
         if state.shape != at.x.shape:
             raise ShapeError(
                 f"{self._name}: state has the wrong size - got shape {state.shape}, expected {at.x.shape}; "

@@ -1,0 +1,5 @@
+"""The receding horizon: plans again and again from measured states."""
+
+from .plan import Plan as Plan
+from .plan import PlannedPhase as PlannedPhase
+from .receding_horizon import RecedingHorizon as RecedingHorizon

@@ -1,0 +1,114 @@
+"""The receding horizon: a problem solved again and again from measured states."""
+
+from __future__ import annotations
+
+from math import ceil
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from piaffe.errors import SolverError
+from piaffe.ocp import SAME_TIME, Horizon, Problem
+
+from ..ilqr import Fixed, Options
+from .numpy_tick import NumpyTick
+from .plan import Plan
+from .pool import Pool
+from .predict import predicted
+
+Array = NDArray[np.float64]
+
+
+class RecedingHorizon:
+    """Plans a problem again and again, from measured states.
+
+    The first plan is solved until no step helps; later ones start from the one before, shifted in time, and make a few
+    iterations. A plan begins at a multiple of the first model's time step. If that is later than the time of the
+    measured state, because of the latency or because the state comes off the grid, the state is predicted with the
+    policy of the plan before.
+
+    Args:
+        problem: the declaration.
+        period: time between plans [s], a multiple of the first model's time step.
+        iterations: iterations of a plan.
+        budget_s: time after which a plan's solve stops [s]; None for no limit, so that plans are deterministic.
+        barrier: a barrier that plans keep.
+        latency: time from a measured state to the first effect of its plan [s].
+        options: further options of the solver.
+        first_iterations: iterations of the first plan.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        period: float = 0.02,
+        iterations: int = 4,
+        budget_s: float | None = None,
+        barrier: Fixed | None = None,
+        latency: float = 0.0,
+        options: Options | None = None,
+        first_iterations: int = 200,
+    ) -> None:
+        self.horizon = horizon = Horizon(problem)
+        steps = round(period / horizon.dt)
+        if steps < 1 or abs(steps * horizon.dt - period) > SAME_TIME:
+            raise SolverError(
+                f"receding horizon: period is out of range - got {period:g} s, expected a multiple of the first "
+                f"model's time step {horizon.dt:g} s; change one"
+            )
+        if not 0 <= latency < np.inf:
+            raise SolverError(
+                f"receding horizon: latency is out of range - got {latency:g} s, expected 0 or more; change it"
+            )
+        self.period, self.iterations, self.latency = period, iterations, latency
+        self.first_iterations = first_iterations
+        base = options or Options(penalty=1000.0)
+        self.options = (barrier or Fixed(0.05, 0.1)).options(base)
+        self.budget_s = budget_s
+        self._tick = NumpyTick(horizon, self.options, Pool())
+        self._commands: dict[str, float] = {}
+
+    @property
+    def problem(self) -> Problem:
+        """The declaration."""
+        return self.horizon.problem
+
+    @property
+    def initial(self) -> Array:
+        """Initial state of the declared problem (nx,)."""
+        return self.problem.initial
+
+    def reset(self) -> None:
+        """Delete the last plan and all commands."""
+        self._tick.plan = None
+        self._commands = {}
+
+    def command(self, **values: float) -> None:
+        """Set commands of the gaits, from the next plan on: ``speed``, ``lateral_speed``, ``yaw_rate``, ``height``.
+
+        Raises:
+            UnknownNameError: the motion has no such command.
+            ProblemError: a value is not finite.
+        """
+        self._commands |= self.horizon.checked_commands(values)
+
+    def velocity(self, t: float) -> Array:
+        """Return the commanded velocity ahead, to the left [m/s], and yaw rate [rad/s], (3,)."""
+        known = self.horizon.commands | self._commands
+        return np.array([known.get(name, 0.0) for name in ("speed", "lateral_speed", "yaw_rate")])
+
+    def plan(self, x: ArrayLike, t: float) -> Plan:
+        """Return a plan from a state (nx,) that was measured at time t since the motion's start [s].
+
+        Raises:
+            ProblemError: the state is not finite, or the plan would begin outside the motion.
+            ShapeError: the state has another size.
+        """
+        state, last = self.horizon.checked(x), self._tick.plan
+        ready = t + self.latency
+        start = ceil((ready - SAME_TIME) / self.horizon.dt) * self.horizon.dt
+        if last is not None and start > t + SAME_TIME:
+            state = last.world(predicted(last, last.local(state), t, start))
+        iterations = self.first_iterations if last is None else self.iterations
+        return self._tick(state, start, t, iterations, self._commands)
