@@ -123,10 +123,7 @@ class MSiLQR:
         if from_earlier is not None:
             run.resume(from_earlier)
         try:
-            if self.memory is not None and all(f.all() for f in flags):
-                status = run_native(self.memory, run, from_earlier, progress)
-            else:
-                status = run.loop()
+            status = run.loop() if self.memory is None else run_native(self.memory, run, from_earlier, progress)
         except KeyboardInterrupt:
             status = Status.INTERRUPTED
         status, found = with_cause(status, self.functions, run.current.iterate, run.outer, run.outside)

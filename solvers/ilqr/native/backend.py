@@ -107,6 +107,7 @@ def run_native(
     reported during the solve and Ctrl-C stops it. When this function returns or raises, the solver has stopped.
     """
     c = memory.c
+    memory.set_shooting(run.shooting)
     resumed = write(memory, run.current.iterate, run.outer, warm_start)
     result: list[int] = []
     worker = Worker(lambda: result.append(memory.library.piaffe_solve(ct.byref(c), resumed)))

@@ -91,6 +91,7 @@ class SolverMemory:
         self._memory = AlignedMemory()
         self.arrays: list[dict[str, Array]] = []
         self.c = self.types.Problem()
+        self.shooting: list[NDArray[np.uint8]] = []
         self.phases = self._phases(modes)
         self.blocks: list[NodeBlocks] = []
         groups = [self._mode_group(number, mode) for number, mode in enumerate(modes)]
@@ -145,6 +146,7 @@ class SolverMemory:
             self.arrays.append(arrays)
             for name, array in arrays.items():
                 setattr(c, name, array.ctypes.data)
+            self.shooting.append(self._array(n // 8 + 1, 0.0).view(np.uint8)[: n + 1])
             c.N, c.dt = n, phase.dt
             c.mode = ct.addressof(ct.c_char.in_dll(self.library, table))
             if i + 1 < len(phases):
@@ -240,6 +242,12 @@ class SolverMemory:
         self.initial[:] = problem.initial
         for blocks in self.blocks:
             self._fill(blocks)
+
+    def set_shooting(self, flags: Sequence[NDArray[np.bool_]]) -> None:
+        """Write which nodes are shooting nodes, per phase (N+1,); the states of the others follow from the dynamics."""
+        for c, own, given in zip(self.phases, self.shooting, flags, strict=True):
+            own[:] = given
+            c.shooting = None if np.all(given) else own.ctypes.data
 
     # ---- arrays with a number per row
 

@@ -17,8 +17,8 @@ from .kernel import MODE_FUNCTIONS, TRANSITION_FUNCTIONS, mode_kernel, transitio
 
 TEMPLATES = {name: files(__package__).joinpath("template", name).read_text(encoding="utf-8") for name in (
     "piaffe.h", "parts.h",
-    "solver.c", "manifold.inc", "barrier.inc", "trial.inc", "model.inc", "direction.inc", "clock.inc", "search.inc",
-    "outer.inc", "parts.inc",
+    "solver.c", "manifold.inc", "barrier.inc", "trial.inc", "model.inc", "direction.inc", "clock.inc", "hybrid.inc",
+    "search.inc", "outer.inc", "parts.inc",
     "mode.inc", "transition.inc", "small.inc", "kkt.inc", "rows.inc", "riccati.inc", "tiles.inc", "finish.inc",
     "rollout.inc",
 )}  # fmt: skip

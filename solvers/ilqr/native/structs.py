@@ -57,6 +57,7 @@ Phase._fields_ = [
     ("N", ct.c_int),
     ("dt", ct.c_double),
     *((name, Doubles) for name in _OF_PHASE),
+    ("shooting", ct.c_void_p),
     ("keep", ct.c_int),
     ("next", ct.POINTER(Phase)),
 ]

@@ -69,6 +69,7 @@ typedef struct Phase {
     double *k, *K;                          /* (N, nu), (N, nu, ndx) */
     double *V_x, *V_xx;                     /* (N+1, ndx), (N+1, ndx, ndx) */
     double *Q_x, *Q_u, *Q_xx, *Q_ux, *Q_uu;
+    const unsigned char *shooting;          /* (N+1): 0 for roll-out nodes, whose states follow from the dynamics; NULL: none */
     int keep;                               /* whether the sweep stores Q and all V_xx, not only that of node 0 */
     struct Phase *next;
 } Phase;

@@ -14,6 +14,7 @@
 #include "model.inc"
 #include "direction.inc"
 #include "clock.inc"
+#include "hybrid.inc"
 #include "search.inc"
 #include "outer.inc"
 #include "parts.inc"
@@ -70,7 +71,8 @@ int piaffe_solve(Problem *pr, int resumed)
     if (resumed < 2) begin_search(pr);
     pr->num_records = pr->blocked = 0;
     pr->has_inequalities = has_inequalities(pr);
-    evaluate(pr); /* the caller writes the start into the trial arrays */
+    roll_out_start(pr); /* the caller writes the start into the trial arrays */
+    evaluate(pr);
     Sums at = sums_of_trial(pr);
     accept(pr);
     note(pr, &at);

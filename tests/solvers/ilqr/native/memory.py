@@ -32,12 +32,13 @@ from piaffe.solvers.ilqr.native.backend import STATUS, write
 from piaffe.solvers.ilqr.native.library import library_for
 from piaffe.solvers.ilqr.native.program import program
 from piaffe.solvers.ilqr.outer import Outer
+from piaffe.solvers.ilqr.rollout import Flags
 from piaffe.solvers.ilqr.warm_start import WarmStart, first_iterate
 
 from .image import ImageMemory, table_names
 from .test_solver import ALL
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[4] / "examples"
 OF_EXAMPLES = (
     "barrel_roll", "biped", "cascade", "gaits:bound", "gaits:pace", "gaits:flying_trot", "gaits:pronk",
     "own_dynamics", "own_terms", "randomised_mass", "run_roll_run", "trot_mppi",
@@ -110,6 +111,7 @@ def check(
     case: Case,
     options: Options | None = None,
     spoil: Callable[[ImageMemory], None] = lambda memory: None,
+    shooting: bool | Sequence[Flags] = True,
 ) -> list[Solution]:
     """Solve under a tool, cold and warm, and compare with NumPy.
 
@@ -119,15 +121,17 @@ def check(
         case: lanes, and the flag for the processor.
         options: of the solver.
         spoil: does something to the memory before it is run, for tests of the tool.
+        shooting: which nodes are shooting nodes.
 
     Raises:
         AssertionError: something is found.
     """
     options = options or Options(barrier_gap=1e-5)
     solver = MSiLQR(problem, options, backend="numpy")
-    cold = solver.solve()
-    half = MSiLQR(problem, replace(options, max_iterations=max(cold.iterations // 2, 1)), backend="numpy").solve()
-    expected = [cold, solver.solve(half)]
+    cold = solver.solve(shooting=shooting)
+    first = replace(options, max_iterations=max(cold.iterations // 2, 1))
+    half = MSiLQR(problem, first, backend="numpy").solve(shooting=shooting)
+    expected = [cold, solver.solve(half, shooting=shooting)]
     program_file = _program(problem, tool, case)
     with tempfile.TemporaryDirectory() as folder:
         images = []
@@ -136,6 +140,7 @@ def check(
             memory, outer = ImageMemory(problem, library, options), Outer(problem, options)
             if warm is not None:
                 outer.resume(warm)
+            memory.set_shooting(solver.flags(shooting))
             resumed = write(memory, first_iterate(problem, warm), outer, warm)
             images.append(Path(folder, f"{k}.image"))
             spoil(memory)

@@ -341,14 +341,6 @@ def test_state_of_the_search_is_handed_over_as_it_was(backend: Backend) -> None:
     assert again.search == part.search
 
 
-@pytest.mark.parametrize("name", ["hopper", "flying body"])
-def test_single_shooting_falls_back_to_numpy(name: str) -> None:
-    options = Options(max_iterations=8)
-    a, b = (MSiLQR(compiled(name), options, backend=backend).solve(shooting=False) for backend in ("native", "numpy"))
-    assert a.iterations == 8
-    assert_equal_bits(a, b)
-
-
 # ---- determinism
 
 
