@@ -5,3 +5,5 @@ from .calendar import Place as Place
 from .course import Course as Course
 from .horizon import Horizon as Horizon
 from .spans import Span as Span
+from .targets import moved_symbols as moved_symbols
+from .targets import yaw_of as yaw_of

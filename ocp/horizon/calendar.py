@@ -67,6 +67,7 @@ class Calendar:
         following: per entry the entry after it; -1 at the motion's end.
         total: number of ticks; infinite if the motion is endless.
         firsts: per piece, its first entry and its first tick.
+        cycle, period: number of phases and of ticks of the endless piece's cycle; 0 if there is none.
 
     Raises:
         ProblemError: a phase is not a whole number of steps, or the time steps have no common divisor of at least
@@ -100,20 +101,20 @@ class Calendar:
                 entries.append(Entry(PlacedPhase(phase, number, index, t, t + length * self.tick), at, length))
                 at += length
         self.entries = tuple(entries)
-        self._cycle = len(pieces[-1].cycle) if pieces[-1].is_endless else 0
-        last = len(entries) - self._cycle if self._cycle else -1
+        self.cycle = len(pieces[-1].cycle) if pieces[-1].is_endless else 0
+        last = len(entries) - self.cycle if self.cycle else -1
         self.following = (*range(1, len(entries)), last)
-        self.total: float = inf if self._cycle else at
+        self.total: float = inf if self.cycle else at
         self._starts = [entry.start for entry in entries]
-        self._period = sum(entry.length for entry in entries[last:]) if self._cycle else 0
+        self.period = sum(entry.length for entry in entries[last:]) if self.cycle else 0
 
     def at(self, k: int) -> Place:
         """Return the place of a tick; on a boundary the later phase, at the motion's end the last one."""
         cycles = 0
-        if self._cycle and k >= (first := self._starts[-self._cycle]):
-            cycles = (k - first) // self._period
-        entry = bisect_right(self._starts, k - cycles * self._period) - 1
-        return Place(entry, entry + cycles * self._cycle, self._starts[entry] + cycles * self._period)
+        if self.cycle and k >= (first := self._starts[-self.cycle]):
+            cycles = (k - first) // self.period
+        entry = bisect_right(self._starts, k - cycles * self.period) - 1
+        return Place(entry, entry + cycles * self.cycle, self._starts[entry] + cycles * self.period)
 
     def next(self, place: Place) -> Place:
         """Return the place of the phase after one that is not the motion's last."""
@@ -121,13 +122,13 @@ class Calendar:
 
     def previous(self, place: Place) -> int:
         """Return the entry of the phase before one; -1 for the motion's first."""
-        if self._cycle and place.number > place.entry and place.entry == len(self.entries) - self._cycle:
+        if self.cycle and place.number > place.entry and place.entry == len(self.entries) - self.cycle:
             return len(self.entries) - 1
         return place.entry - 1
 
     def cycles(self, place: Place) -> int:
         """Return how many cycles of an endless piece a place is beyond the entries."""
-        return (place.number - place.entry) // self._cycle if self._cycle else 0
+        return (place.number - place.entry) // self.cycle if self.cycle else 0
 
     def index(self, place: Place) -> int:
         """Return the index of a phase in its piece, cycles counted."""

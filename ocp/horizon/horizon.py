@@ -13,6 +13,7 @@ from ..compiler.checks import require_derivatives
 from ..compiler.compile import Compilation
 from ..compiler.compiled import CompiledProblem
 from ..compiler.compiled_phase import CompiledPhase
+from ..compiler.mode import Row
 from ..compiler.transition import LoweredTransition
 from ..language import (
     ORIGIN,
@@ -76,8 +77,8 @@ class Horizon:
         packed = [np.array([self.targets.pack(sample) for sample in own]) for own in samples]
         pieces = [self._piece(number, samples, packed) for number in range(len(problem.motion.pieces))]
         self.courses = Courses(self.models[0], calendar, self.targets, pieces, packed)
-        first = self.at(self.begin(problem.initial, 0.0), problem.initial)
-        compilation.check_bound(first.phases, complete=False)
+        self._first = self.at(self.begin(problem.initial, 0.0), problem.initial)
+        compilation.check_bound(self._first.phases, complete=False)
 
     @property
     def dt(self) -> float:
@@ -97,6 +98,10 @@ class Horizon:
             if piece.functions is not None:
                 found |= dict(zip(piece.functions.commands, map(float, piece.functions.command), strict=True))
         return found
+
+    def row_name(self, row: Row) -> str:
+        """Return the name of a row: term, component and side."""
+        return self._first.row_name(row)
 
     # ---- courses
 
@@ -142,12 +147,15 @@ class Horizon:
         step = self.calendar.steps[0]
         k = round(t / self.dt) * step if np.isfinite(t) else -1
         if not 0 <= k <= self.calendar.total - step:
-            last = self.duration - self.dt
-            raise ProblemError(
-                f"horizon: time is outside the motion - got t = {t:g} s, expected 0 ≤ t ≤ {last:g} s; stop the "
-                "controller there, or declare a longer motion"
-            )
+            raise self.outside(t)
         return k
+
+    def outside(self, t: float) -> ProblemError:
+        """Return the error of a time at which no plan can begin."""
+        return ProblemError(
+            f"horizon: time is outside the motion - got t = {t:g} s, expected 0 ≤ t ≤ {self.duration - self.dt:g} s; "
+            "stop the controller there, or declare a longer motion"
+        )
 
     def checked(self, x: ArrayLike) -> Array:
         """Return a measured state (nx,); raise if it has another size or is not finite."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import CompiledProblem, Course, Horizon
 
-from ..ilqr import Iterate, Options, ProblemFunctions, Run, sweeps_of
-from ..ilqr import Sweep as Sweep
+from ..ilqr import Iterate, Options, ProblemFunctions, Run, Sweep, move, sweeps_of
 from ..solution import Status
 from .plan import Plan, PlannedPhase
 from .predict import after_reset
@@ -36,22 +35,18 @@ class Solved(NamedTuple):
     max_inequality: float
 
 
-Solve = Callable[[CompiledProblem, Iterate, Options, list[NDArray[np.bool_]]], Solved]
-
-
 class NumpyTick:
-    """Ticks in Python, with a solve in NumPy.
+    """Ticks in Python and NumPy.
 
     Args:
         horizon: the problem at any time.
         options: of the solves.
-        solve: the solve of a tick; by default in NumPy.
     """
 
-    def __init__(self, horizon: Horizon, options: Options, solve: Solve | None = None) -> None:
+    def __init__(self, horizon: Horizon, options: Options) -> None:
         self.horizon, self.options = horizon, options
-        self._solve = solve or solve_in_numpy
         self.plan: Plan | None = None
+        self.course: Course | None = None
 
     def __call__(
         self, x: Array, t: float, measured_at: float, iterations: int, commands: Mapping[str, float]
@@ -59,31 +54,44 @@ class NumpyTick:
         """Return the plan that begins at time t [s] with a state in the world (nx,)."""
         horizon, last = self.horizon, self.plan
         began = time.perf_counter()
-        course = horizon.begin(x, t, commands) if last is None else horizon.advance(last.course, x, t, commands)
+        before = self.course
+        course = horizon.begin(x, t, commands) if before is None else horizon.advance(before, x, t, commands)
         start = self._start(course, horizon.local(course, x))
         problem = horizon.at(course, start)
         numbers = time.perf_counter()
         spans = horizon.layout.at(course.tick)
-        states, controls, _ = shifted(problem, spans, last, course.moved, start)
+        states, controls, fresh = shifted(problem, spans, last, course.moved, start)
         options = replace(self.options, max_iterations=iterations)
-        shooting = [np.ones(len(own), dtype=bool) for own in states]
-        solved = self._solve(problem, Iterate(states, controls), options, shooting)
+        lands = [False, *(phase.lands for phase in problem.phases[:-1])]
+        shooting = [
+            np.full(len(own), not (last is not None and new and landed))
+            for own, new, landed in zip(states, fresh, lands, strict=True)
+        ]
+        solved = solve_in_numpy(problem, Iterate(states, controls), options, shooting)
         parts = tuple(
             PlannedPhase(
-                span.segment, span.place.number, phase, xs, us, sweep.feedforward, sweep.feedback, sweep.Q_x, sweep.Q_u,
-                sweep.Q_xx, sweep.Q_ux, sweep.Q_uu,
+                segment=span.segment, number=span.place.number, name=phase.name, mode=phase.mode, times=phase.times,
+                states=xs, controls=us, feedforward=sweep.feedforward, feedback=sweep.feedback, Q_x=sweep.Q_x,
+                Q_u=sweep.Q_u, Q_xx=sweep.Q_xx, Q_ux=sweep.Q_ux, Q_uu=sweep.Q_uu, p=phase.p, g_mask=phase.g_mask,
+                h_mask=phase.h_mask, transition=phase.transition, p_transition=phase.p_transition, resets=phase.resets,
             )
             for span, phase, xs, us, sweep in zip(
                 spans, problem.phases, solved.states, solved.controls, solved.sweeps, strict=True
             )
         )  # fmt: skip
         ended = time.perf_counter()
+        self.course = course
         self.plan = Plan(
-            problem, course, parts, solved.status, solved.iterations, solved.cost, solved.max_defect,
+            horizon, parts, course.anchor, course.moved, solved.status, solved.iterations,
+            any(bool(sweep.Q_uu.any()) for sweep in solved.sweeps), solved.cost, solved.max_defect,
             solved.max_equality, solved.max_inequality, {"numbers": numbers - began, "solve": ended - numbers},
             measured_at,
         )  # fmt: skip
         return self.plan
+
+    def reset(self) -> None:
+        """Forget the last plan."""
+        self.plan = self.course = None
 
     def _start(self, course: Course, x: Array) -> Array:
         """Return the state after an impact that is due now, see :meth:`Horizon.arrival`."""
@@ -97,7 +105,11 @@ def solve_in_numpy(
     problem: CompiledProblem, start: Iterate, options: Options, shooting: list[NDArray[np.bool_]]
 ) -> Solved:
     """Return the result of a solve by the NumPy backend from a first iterate."""
-    run = Run(ProblemFunctions(problem), options, start, shooting, None)
+    functions = ProblemFunctions(problem)
+    if not all(flags.all() for flags in shooting):
+        still = [np.zeros((phase.num_stages + 1, phase.mode.state.ndx)) for phase in problem.phases]
+        start = move(functions, start, still, [np.zeros_like(u) for u in start.controls], 0.0, shooting)
+    run = Run(functions, options, start, shooting, None)
     status = run.loop()
     at = run.current
     equality, inequality = run.violations(at)

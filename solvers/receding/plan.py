@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.ocp import ORIGIN, CompiledPhase, CompiledProblem, Course, LoweredMode, PlanarFrame, relative, transform_value
+from piaffe.ocp import (
+    ORIGIN,
+    Horizon,
+    LoweredMode,
+    LoweredTransition,
+    PlanarFrame,
+    relative,
+    transform_value,
+)
 
 from ..solution import Status
 from ..tracking import PlanPhase
@@ -24,15 +33,22 @@ class PlannedPhase:
     Args:
         segment: index of the schedule's segment.
         number: number of motion phases before it since the motion's start.
-        phase: its numbers.
+        name: name of the motion phase at its start.
+        mode: its mode.
+        times: node times since the motion's start (N+1,) [s].
         states: (N+1, nx). controls: (N, nu).
         feedforward: k (N, nu). feedback: K (N, nu, ndx).
         Q_x: (N, ndx). Q_u: (N, nu). Q_xx: (N, ndx, ndx). Q_ux: (N, nu, ndx). Q_uu: (N, nu, nu).
+        p: parameters of the stages (N, np). g_mask: (N, ng). h_mask: (N, nh).
+        transition: to the next phase; None at the end. p_transition: its parameters. resets: whether it changes the
+            state.
     """
 
     segment: int
     number: int
-    phase: CompiledPhase
+    name: str
+    mode: LoweredMode
+    times: Array
     states: Array
     controls: Array
     feedforward: Array
@@ -42,11 +58,12 @@ class PlannedPhase:
     Q_xx: Array
     Q_ux: Array
     Q_uu: Array
-
-    @property
-    def times(self) -> Array:
-        """Node times since the motion's start (N+1,) [s]."""
-        return self.phase.times
+    p: Array
+    g_mask: Array
+    h_mask: Array
+    transition: LoweredTransition | None
+    p_transition: Array
+    resets: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,33 +74,33 @@ class Plan:
     low-level controllers move the measured state into it.
 
     Args:
-        problem: the compiled problem.
-        course: the motion as seen from the plan's start.
+        horizon: the problem at any time.
         parts: the phases.
+        anchor: the plan's frame in the world, (x, y, yaw) [m, m, rad].
+        moved: planar motion from the frame of the plan before to this one.
         status: reason why the solve ended.
         iterations: number of iterations.
+        has_policy: whether the backward sweep at the last iterate succeeded.
         cost: declared cost.
         max_defect, max_equality, max_inequality: largest defect and violations.
         seconds: time of each part of the work [s].
         measured_at: time of the measured state [s]; the plan begins at the first grid time at which it is ready.
     """
 
-    problem: CompiledProblem
-    course: Course
-    parts: tuple[PlannedPhase, ...]
+    horizon: Horizon
+    parts: Sequence[PlannedPhase]
+    anchor: PlanarFrame
+    moved: PlanarFrame
     status: Status
     iterations: int
+    has_policy: bool
     cost: float
     max_defect: float
     max_equality: float
     max_inequality: float
     seconds: Mapping[str, float]
     measured_at: float
-
-    @property
-    def anchor(self) -> PlanarFrame:
-        """The plan's frame in the world, (x, y, yaw) [m, m, rad]."""
-        return self.course.anchor
+    memory: Any = field(default=None, repr=False)
 
     def local(self, x: ArrayLike) -> Array:
         """Return a state in the world (nx,) in the frame of the plan."""
@@ -94,7 +111,7 @@ class Plan:
         return self._moved(x, self.anchor)
 
     def _moved(self, x: ArrayLike, motion: PlanarFrame) -> Array:
-        space = self.parts[0].phase.mode.state
+        space = self.horizon.models[0].state
         values = space.unpack(np.asarray(x, dtype=float))
         return space.pack({quantity: transform_value(quantity, value, motion) for quantity, value in values.items()})
 
@@ -114,16 +131,15 @@ class Plan:
         for part in self.parts:
             if part.states.shape[1] != self.parts[0].states.shape[1]:
                 break
-            phase = part.phase
             found.append(
                 PlanPhase(
-                    mode=phase.mode, times=part.times, states=part.states, controls=part.controls,
-                    feedback=part.feedback, Q_u=part.Q_u, Q_ux=part.Q_ux, Q_uu=part.Q_uu, p=phase.p,
-                    g_mask=phase.g_mask, h_mask=phase.h_mask,
+                    mode=part.mode, times=part.times, states=part.states, controls=part.controls,
+                    feedback=part.feedback, Q_u=part.Q_u, Q_ux=part.Q_ux, Q_uu=part.Q_uu, p=part.p,
+                    g_mask=part.g_mask, h_mask=part.h_mask,
                 )
             )  # fmt: skip
         return tuple(found)
 
     def row_name(self, mode: LoweredMode, kind: str, row: int) -> str:
         """Return the name of a row of a mode's stages: term, component and side."""
-        return self.problem.row_name(mode.rows[f"stage_{kind}"][row])
+        return self.horizon.row_name(mode.rows[f"stage_{kind}"][row])

@@ -32,7 +32,7 @@ def predicted(plan: Plan, x: Array, t: float, until: float) -> Array:
             break
         k = max(int(np.searchsorted(part.times, t + SAME_TIME, side="right")) - 1, 0)
         end = min(until, float(part.times[k + 1]))
-        space, mode, p = part.phase.mode.state, part.phase.mode, part.phase.p[k].copy()
+        space, mode, p = part.mode.state, part.mode, part.p[k].copy()
         p[mode.layout.slices[TIME_STEP]] = end - t
         share = (t - part.times[k]) / (part.times[k + 1] - part.times[k])
         nominal = space.np_plus(part.states[k], share * space.np_minus(part.states[k + 1], part.states[k]))
@@ -42,9 +42,9 @@ def predicted(plan: Plan, x: Array, t: float, until: float) -> Array:
         state = space.np_normalise(Vectorised(mode.functions["stage"])(state[None], u[None], z, p[None])[0][0])
         t = end
         following = plan.parts[i + 1] if i + 1 < len(plan.parts) else None
-        if t >= part.times[-1] - SAME_TIME and part.phase.resets and following is not None:
-            if following.states.shape[1] == len(state) and part.phase.transition is not None:
-                state = space.np_normalise(after_reset(part.phase.transition, part.phase.p_transition, state))
+        if t >= part.times[-1] - SAME_TIME and part.resets and following is not None:
+            if following.states.shape[1] == len(state) and part.transition is not None:
+                state = space.np_normalise(after_reset(part.transition, part.p_transition, state))
     return state
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import ceil
 
 import numpy as np
@@ -10,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import SolverError
 from piaffe.ocp import SAME_TIME, Horizon, Problem
 
-from ..ilqr import Fixed, Options
+from ..ilqr import Backend, Fixed, Options
+from .native_tick import NativeTick
 from .numpy_tick import NumpyTick
 from .plan import Plan
-from .pool import Pool
 from .predict import predicted
 
 Array = NDArray[np.float64]
@@ -49,6 +50,7 @@ class RecedingHorizon:
         latency: float = 0.0,
         options: Options | None = None,
         first_iterations: int = 200,
+        backend: Backend = "native",
     ) -> None:
         self.horizon = horizon = Horizon(problem)
         steps = round(period / horizon.dt)
@@ -66,7 +68,12 @@ class RecedingHorizon:
         base = options or Options(penalty=1000.0)
         self.options = (barrier or Fixed(0.05, 0.1)).options(base)
         self.budget_s = budget_s
-        self._tick = NumpyTick(horizon, self.options, Pool())
+        self.backend = backend
+        self._numpy = NumpyTick(horizon, self.options) if backend == "numpy" else None
+        self._native = (
+            NativeTick(horizon, replace(self.options, time_limit_s=budget_s), latency, iterations, first_iterations)
+            if backend == "native" else None
+        )
         self._commands: dict[str, float] = {}
 
     @property
@@ -81,7 +88,9 @@ class RecedingHorizon:
 
     def reset(self) -> None:
         """Delete the last plan and all commands."""
-        self._tick.plan = None
+        for tick in (self._native, self._numpy):
+            if tick is not None:
+                tick.reset()
         self._commands = {}
 
     def command(self, **values: float) -> None:
@@ -105,10 +114,13 @@ class RecedingHorizon:
             ProblemError: the state is not finite, or the plan would begin outside the motion.
             ShapeError: the state has another size.
         """
-        state, last = self.horizon.checked(x), self._tick.plan
-        ready = t + self.latency
+        state = self.horizon.checked(x)
+        if self._native is not None:
+            return self._native(state, t, self._commands)
+        assert self._numpy is not None  # the other backend
+        last, ready = self._numpy.plan, t + self.latency
         start = ceil((ready - SAME_TIME) / self.horizon.dt) * self.horizon.dt
         if last is not None and start > t + SAME_TIME:
             state = last.world(predicted(last, last.local(state), t, start))
         iterations = self.first_iterations if last is None else self.iterations
-        return self._tick(state, start, t, iterations, self._commands)
+        return self._numpy(state, start, t, iterations, self._commands)

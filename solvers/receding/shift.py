@@ -38,10 +38,10 @@ def shifted(
         own = [
             part
             for part in (() if plan is None else plan.parts)
-            if part.phase.mode.state is space and (part.number == span.place.number or not cut)
+            if part.mode.state is space and (part.number == span.place.number or not cut)
         ]
         fresh.append(not own)
-        move = mover(space, moved)
+        move, move_control = mover(space, moved), mover(phase.mode.model.control, moved)
         for k, t in enumerate(phase.times):
             part = _containing(own, float(t))
             if part is not None:
@@ -52,13 +52,13 @@ def shifted(
                 part = earlier[-1]
                 j = int(np.searchsorted(part.times, t + SAME_TIME, side="right")) - 1
                 if cut or j < len(part.controls):
-                    us[k] = part.controls[min(j, len(part.controls) - 1)]
+                    us[k] = move_control(part.controls[min(j, len(part.controls) - 1)])
     states[0][0] = x
     return states, controls, fresh
 
 
 def mover(space: Manifold, motion: PlanarFrame) -> Callable[[Array], Array]:
-    """Return the function that moves states by a planar motion."""
+    """Return the function that moves states, or controls, by a planar motion."""
 
     def move(x: Array) -> Array:
         return space.pack({q: transform_value(q, value, motion) for q, value in space.unpack(x).items()})

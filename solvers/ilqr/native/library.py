@@ -49,6 +49,17 @@ def library_for(
     """
     modes = tuple(dict.fromkeys(phase.mode for phase in problem.phases))
     transitions = tuple(dict.fromkeys(phase.transition for phase in problem.phases if phase.transition is not None))
+    return library_of(modes, transitions, width=width, progress=progress)
+
+
+def library_of(
+    modes: tuple[LoweredMode, ...],
+    transitions: tuple[LoweredTransition, ...],
+    *,
+    width: int | None = None,
+    progress: Progress | None = None,
+) -> tuple[Library, bool]:
+    """Return the library of modes and transitions, and whether this call compiled it; see :func:`library_for`."""
     misses = _library.cache_info().misses
     library = _library(_Structure(modes, transitions, width, progress))
     return library, _library.cache_info().misses > misses and library.built.built

@@ -1,0 +1,173 @@
+/* A tick of the receding horizon: the state is predicted, the motion anchored, the numbers filled, the last plan shifted, and the
+ * problem solved. numpy_tick.py is the same in NumPy. Nothing is allocated. */
+#define _POSIX_C_SOURCE 200809L
+#include <math.h>
+#include <string.h>
+#include <time.h>
+
+#include "receding.h"
+
+#include "manifold.inc"
+#include "calendar.inc"
+#include "course.inc"
+#include "layout.inc"
+#include "numbers.inc"
+#include "shift.inc"
+#include "predict.inc"
+
+static double seconds_now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* Writes the header of a plan; returns how many numbers it needs. */
+static long lay_plan(const Receding *r, int count, long *header)
+{
+    const Horizon *h = r->horizon;
+    long at = NUM_FIGURES;
+    for (int i = 0; i < count; i++) {
+        const Span *span = &r->spans[i];
+        const int mode = mode_of(h, span), *link = i + 1 < count ? link_of(h, r->spans, i, nodes_of(r, i) + span->stages) : NULL;
+        const Mode *m = h->mode_tables[mode];
+        const long N = span->stages, nu = m->nu, ndx = m->ndx;
+        const long sizes[] = {N + 1, (N + 1) * m->nx, N * nu, N * nu, N * nu * ndx, N * ndx, N * nu, N * ndx * ndx, N * nu * ndx,
+                              N * nu * nu, N * m->np, N * m->ng, N * m->nh,
+                              link && link[0] >= 0 ? h->transition_tables[link[0]]->np : 0};
+        long part[PART] = {span->segment, span->place.number, span->place.entry, mode, N, span->first, link ? link[0] : -1,
+                           link ? link[3] : 0, span->last};
+        for (int j = AT_TIMES; j < PART; j++) {
+            part[j] = at;
+            at += (sizes[j - AT_TIMES] + 7) / 8 * 8;
+        }
+        if (header) memcpy(header + HEADER + (size_t)i * PART, part, sizeof part);
+    }
+    if (header) header[NUM_PARTS] = count;
+    return at;
+}
+
+static int lay(Receding *r, long k)
+{
+    int count = lay_spans(r->horizon, k, r->spans);
+    Node *at = r->nodes;
+    for (int i = 0; i < count; i++) {
+        lay_nodes(r->horizon, &r->spans[i], at);
+        at += r->spans[i].stages + 1;
+    }
+    return count;
+}
+
+void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries, int *phases, int *nodes)
+{
+    Arena measure = {0};
+    int count = lay_spans(r->horizon, k, r->spans);
+    *phases = count, *nodes = 0;
+    for (int i = 0; i < count; i++) *nodes += r->spans[i].stages + 1;
+    if (!r->nodes) return;
+    count = lay(r, k);
+    lay_out(r, &measure, count);
+    *bytes = measure.used + 64;
+    *numbers = lay_plan(r, count, NULL);
+    *entries = HEADER + (long)count * PART;
+}
+
+static void copy(double *to, const double *from, size_t n) { memcpy(to, from, sizeof(double) * n); }
+
+/* Copies the iterate and the policy of the solver into a plan. */
+static void write_plan(const Receding *r, const Plan *plan)
+{
+    const Horizon *h = r->horizon;
+    const Problem *pr = r->problem;
+    double *out = plan->numbers;
+    for (int i = 0; i < pr->num_phases; i++) {
+        const Phase *ph = &pr->phases[i];
+        const Mode *m = ph->mode;
+        const long *part = part_of(plan, i);
+        const size_t N = (size_t)ph->N, nu = (size_t)m->nu, ndx = (size_t)m->ndx;
+        for (int k = 0; k <= ph->N; k++) out[part[AT_TIMES] + k] = (double)(part[FIRST] + k * h->segments[part[SEGMENT]].step) * h->tick;
+        copy(out + part[AT_X], ph->x, (N + 1) * (size_t)m->nx);
+        copy(out + part[AT_U], ph->u, N * nu);
+        copy(out + part[AT_K], ph->k, N * nu);
+        copy(out + part[AT_FEEDBACK], ph->K, N * nu * ndx);
+        copy(out + part[AT_Q_X], ph->Q_x, N * ndx);
+        copy(out + part[AT_Q_U], ph->Q_u, N * nu);
+        copy(out + part[AT_Q_XX], ph->Q_xx, N * ndx * ndx);
+        copy(out + part[AT_Q_UX], ph->Q_ux, N * nu * ndx);
+        copy(out + part[AT_Q_UU], ph->Q_uu, N * nu * nu);
+    }
+    for (int g = 0; g < pr->num_groups; g++) {
+        const Mode *m = pr->groups[g].mode;
+        for (int i = 0; i < pr->groups[g].num_blocks; i++) {
+            const Block *b = &pr->groups[g].blocks[i];
+            for (int l = 0; l < b->count; l++) {
+                const long *part = part_of(plan, b->phase[l]);
+                double *gs = out + part[AT_G_MASK] + (long)b->index[l] * m->ng, *hs = out + part[AT_H_MASK] + (long)b->index[l] * m->nh;
+                for (int j = 0; j < m->ng; j++) gs[j] = b->g_mask[j * W + l];
+                for (int j = 0; j < m->nh; j++) hs[j] = b->h_mask[j * W + l];
+            }
+        }
+    }
+    for (int g = 0; g < pr->num_transitions; g++)
+        for (int i = 0; i < pr->transitions[g].num_blocks; i++) {
+            const Block *b = &pr->transitions[g].blocks[i];
+            for (int l = 0; l < b->count; l++)
+                for (int j = 0; j < pr->transitions[g].transition->np; j++)
+                    out[part_of(plan, b->phase[l])[AT_P_TRANSITION] + j] = b->p[j * W + l];
+        }
+}
+
+/* Makes a plan from a state in the world, measured at time t. */
+int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
+{
+    const Horizon *h = r->horizon;
+    Problem *pr = r->problem;
+    const Space *space = &h->spaces[h->segments[0].space];
+    const double began = seconds_now(), dt = h->segments[0].dt;
+    double state[space->nx], start[space->nx];
+    for (int i = 0; i < space->nx; i++)
+        if (!isfinite(x[i])) return NOT_FINITE_STATE;
+    const long step = h->segments[0].step, k = (long)ceil((t + r->latency - SAME_TICK) / dt) * step;
+    if (k < 0 || (h->total >= 0 && k > h->total - step)) return OUTSIDE;
+    memcpy(state, x, sizeof state);
+    const double begins = (double)(k / step) * dt;
+    if (r->has_plan && begins > t + SAME_TICK) {
+        to_frame(r, x, r->course.anchor, state);
+        predict(r, state, t, begins);
+        move_values(r, space->state, space->nx, state, r->course.anchor, state);
+    }
+    if (r->has_plan) advance_course(r, state, k, &r->course);
+    else begin_course(r, state, k, &r->course);
+    to_frame(r, state, r->course.anchor, start);
+    arrive(r, start);
+    const int count = lay(r, k);
+    r->arena.used = 0;
+    lay_out(r, &r->arena, count);
+    lay_plan(r, count, plan->header);
+    int nodes = 0;
+    double *stages[count];
+    for (int i = 0; i < count; i++) {
+        nodes += r->spans[i].stages + 1;
+        stages[i] = plan->numbers + part_of(plan, i)[AT_P];
+    }
+    make_samples(r, r->nodes, nodes, r->samples);
+    fill_problem(r, stages);
+    shift_plan(r, start);
+    memcpy((double *)pr->initial, start, sizeof start);
+    pr->options = r->options;
+    pr->options.max_iterations = r->has_plan ? r->iterations : r->first_iterations;
+    pr->num_records = pr->cancel = 0;
+    const double filled = seconds_now();
+    int status = h->solve(pr, 0);
+    const double solved = seconds_now();
+    plan->header[HAS_POLICY] = h->policy(pr);
+    plan->header[TICK] = k, plan->header[STATUS] = status, plan->header[ITERATIONS] = pr->num_records;
+    write_plan(r, plan);
+    double *f = plan->numbers;
+    memcpy(f + ANCHOR, r->course.anchor, sizeof(double) * 3);
+    memcpy(f + MOVED, r->course.moved, sizeof(double) * 3);
+    f[COST] = pr->cost, f[DEFECT] = pr->max_defect, f[EQUALITY] = pr->max_equality, f[INEQUALITY] = pr->max_inequality;
+    f[MEASURED_AT] = t, f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = seconds_now() - solved;
+    r->last = *plan, r->has_plan = 1;
+    return PLANNED;
+}

@@ -1,0 +1,146 @@
+/* A receding horizon: the tables of ocp.Horizon, the memory of the solver, and the course of the motion. program.py fills the
+ * tables, memory.py the memory; numpy_tick.py is the same tick in NumPy. All arrays are row by row. */
+#ifndef PIAFFE_RECEDING_H
+#define PIAFFE_RECEDING_H
+
+#include "piaffe.h"
+
+typedef void (*function)(const vd *const *arg, vd *const *res, vd *w);
+
+/* p[to[i]] = s[of[i]] */
+typedef struct {
+    int count;
+    const int *to, *of;
+} Copies;
+
+/* The parameter rows of a mode or transition, and the functions of its weights and masks. */
+typedef struct {
+    const double *rows;
+    const Copies *copies;
+    function weights, end_weights;
+    int time_step; /* place of the time step in p */
+} Store;
+
+/* A part of the schedule. A node is an entry of the calendar and a tick in it; its row is first[entry] + tick. */
+typedef struct {
+    int step, window, cut, space, rows; /* ticks per step; ticks, -1 until the end; a phase per mode; state space; rows */
+    double dt;
+    const int *first, *mode;            /* per entry */
+    const int *stage;                   /* (rows, 2): row of the store, copies */
+    const int *end;                     /* (2, rows, 2), the second half for the horizon's last node */
+    const int *link;                    /* (2, rows, 4): transition or -1, row, copies, flags; second half: to the next segment */
+    const double *controls;             /* (rows, nu) guess */
+    Copies state;                       /* of the sample, in the state */
+} Segment;
+
+enum { RESETS = 1, LANDS = 2 };
+
+/* A state space of the schedule's models: functions that move a state and a control by a planar motion; 0 if none moves. */
+typedef struct {
+    function state, control;
+    int nx, nu;
+} Space;
+
+typedef struct {
+    int piece, length, following;
+    long start;
+} Entry;
+
+/* A piece of the motion; see ReferenceFunctions. Without functions, its samples are in the tables. */
+typedef struct {
+    function start, begin, advance, move, sample, pose, pick;
+    int num_memory, num_sample, num_schedule, num_start, num_commands, first_entry;
+    long first_tick;
+    const int *places;                  /* (num_targets): entry of the function's sample, -1 for none */
+    const double *schedules;            /* (entries of the piece, num_schedule) */
+    const double *begins;               /* (num_start): what begin needs on the declared path */
+    const double *command;              /* (num_commands), the caller changes them */
+    double first[3], last[3], turn[3];  /* planar frames on the declared path; motion of a cycle */
+} Piece;
+
+typedef struct {
+    double tick;
+    long total, period;                 /* ticks; total -1 if endless; of a cycle of the endless piece */
+    int num_entries, cycle, num_pieces, num_segments, num_targets, num_modes, num_transitions;
+    const Entry *entries;
+    const Segment *segments;
+    const Piece *pieces;
+    const Space *spaces;
+    const double *samples, *frames;     /* (rows, num_targets), (rows, 3) of the first segment's rows */
+    const double *initial;              /* (num_targets) */
+    const Store *modes, *transitions;
+    const Mode *const *mode_tables;
+    const Transition *const *transition_tables;
+    function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
+    int (*solve)(Problem *, int), (*policy)(Problem *);
+} Horizon;
+
+/* Where a tick is in the motion, see Place. */
+typedef struct {
+    int entry;
+    long number, start;
+} Place;
+
+/* A part of the horizon, see Span. */
+typedef struct {
+    int segment, stages, ends, last;
+    Place place;
+    long first;
+} Span;
+
+typedef struct {
+    long tick;
+    Place place;
+    double anchor[3], moved[3], frame[3];
+    double *memory;                     /* of the present piece */
+} Course;
+
+typedef struct {
+    unsigned char *base;
+    size_t size, used;
+} Arena;
+
+/* A node of the horizon. */
+typedef struct {
+    Place place;
+    long tick;
+    int row;
+} Node;
+
+/* A plan: header and numbers. The header begins with NUM_PARTS, TICK, ..., then PART numbers for each part. */
+enum { NUM_PARTS, TICK, STATUS, ITERATIONS, HAS_POLICY, HEADER };
+enum { SEGMENT, NUMBER, ENTRY, MODE, STAGES, FIRST, TRANSITION, FLAGS, LAST, AT_TIMES, AT_X, AT_U, AT_K, AT_FEEDBACK, AT_Q_X, AT_Q_U,
+       AT_Q_XX, AT_Q_UX, AT_Q_UU, AT_P, AT_G_MASK, AT_H_MASK, AT_P_TRANSITION, PART };
+enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_AT, NUMBERS_S, SOLVE_S, POLICY_S, NUM_FIGURES = 16 };
+typedef struct {
+    long *header;
+    double *numbers;
+} Plan;
+
+typedef struct {
+    const Horizon *horizon;
+    Course course;
+    int has_plan;
+    Plan last;                          /* the last plan, which the caller keeps until the next tick is over */
+    Options options;
+    double latency;
+    int first_iterations, iterations, max_phases, max_nodes, max_samples;
+    Arena arena;                        /* of the solver's memory, laid out again at every tick */
+    Problem *problem;
+    Span *spans;
+    Node *nodes;
+    double *samples;                    /* (max_nodes, num_targets) */
+    double *frames, *memories;          /* of the pieces in the horizon: (num_pieces, 3), (num_pieces, most memory) */
+    long *nows;
+    int most_memory;
+    Block *scratch;                     /* one node of each mode, then of each transition */
+    double *rows, *x, *x_next;          /* a parameter row; states */
+    vd *lanes, *work;                   /* inputs and outputs of functions; their work arrays */
+} Receding;
+
+/* Returns 0, or why there is no plan. */
+enum { PLANNED, OUTSIDE, NOT_FINITE_STATE };
+int receding_plan(Receding *r, const double *x, double t, const Plan *plan);
+/* Bytes of the solver's memory, and numbers and header entries of a plan, for a horizon that begins at a tick. */
+void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries, int *phases, int *nodes);
+#endif
