@@ -93,13 +93,19 @@ def leg_expressions(kinematics: Kinematics) -> tuple[LegExpression, ...]:
     robot = kinematics.robot
     return tuple(
         LegExpression(
-            int(legs.feet[m]), tuple(int(j) for j in legs.joints[m]), *(_clean(numbers[m]) for numbers in (
-                legs.rotation, legs.offset, legs.axis, legs.revolute, legs.tip
-            )), robot.joint_lower[legs.joints[m]], robot.joint_upper[legs.joints[m]],
+            foot=int(legs.feet[m]),
+            joints=tuple(int(j) for j in legs.joints[m]),
+            rotation=_clean(legs.rotation[m]),
+            offset=_clean(legs.offset[m]),
+            axis=_clean(legs.axis[m]),
+            revolute=legs.revolute[m],
+            tip=_clean(legs.tip[m]),
+            lower=robot.joint_lower[legs.joints[m]],
+            upper=robot.joint_upper[legs.joints[m]],
         )
         for legs in kinematics.groups
         for m in range(len(legs.feet))
-    )  # fmt: skip
+    )
 
 
 def foot_expressions(kinematics: Kinematics, joints: cs.SX) -> list[cs.SX]:

@@ -66,7 +66,9 @@ class BasePath:
     def acceleration(self, t: Array) -> Array:
         """Return the acceleration in heading axes, centripetal acceleration included, (..., 2) [m/s^2]."""
         command = self.command(t)
-        ramping = ((t < self.ramp - SAME_TIME) / self.ramp if self.ramp else 0.0 * t)[..., None] * (self.last - self.first)[:2]
+        ramping = ((t < self.ramp - SAME_TIME) / self.ramp if self.ramp else 0.0 * t)[..., None] * (
+            self.last - self.first
+        )[:2]
         turning = command[..., 2:] * np.stack([-command[..., 1], command[..., 0]], axis=-1)
         return np.asarray(ramping + turning)
 

@@ -155,7 +155,10 @@ class GaitFunctions:
         """Return where a foot stands, or has last stood, at a time dt after now; phi and row are those of this time."""
         # at a phase's end, a foot that lands there stands
         lands = cs.logic_and(row.lands > 0.5, phi + row.next_touchdown <= SAME_TIME)
-        before, touchdown = cs.if_else(lands, row.touchdown, row.before), cs.if_else(lands, row.next_touchdown, row.touchdown)
+        before, touchdown = (
+            cs.if_else(lands, row.touchdown, row.before),
+            cs.if_else(lands, row.next_touchdown, row.touchdown),
+        )
         length = cs.if_else(lands, row.next_length, row.length)
         since = phi + dt  # start of the phase after the old now
         is_old = since + touchdown <= SAME_TIME

@@ -46,8 +46,8 @@ class GaitMemory:
         """Return all entries, (num_memory(nf), 1)."""
         path = self.path
         return cs.vertcat(
-            path.pose, path.first, path.last, path.ramp, self.height, self.posture, self.rates, self.upright, self.error,
-            *self.places,
+            path.pose, path.first, path.last, path.ramp, self.height, self.posture, self.rates, self.upright,
+            self.error, *self.places,
         )  # fmt: skip
 
     @staticmethod

@@ -14,6 +14,7 @@ from piaffe.ocp import SAME_TIME
 
 Array = NDArray[np.float64]
 
+
 def _integral(nodes: Array) -> Array:
     """Return the matrix from values at Gauss points to the integral from −1, as coefficients of powers, (n + 1, n)."""
     n = len(nodes)

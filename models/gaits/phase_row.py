@@ -88,6 +88,15 @@ def phase_row(schedule: ContactSchedule, index: int, forces: Array) -> Array:
             for touchdown, liftoff in (stances[i], stances[i + 1] if lands else stances[i])
         )
         feet.append(
-            FootRow(*relative[:3], length, relative[3] if lands else 0.0, next_length if lands else 0.0, lands, force)
+            FootRow(
+                before=relative[0],
+                touchdown=relative[1],
+                liftoff=relative[2],
+                length=length,
+                next_touchdown=relative[3] if lands else 0.0,
+                next_length=next_length if lands else 0.0,
+                lands=lands,
+                force=force,
+            )
         )
     return np.array([[getattr(foot, field.name) for field in fields(FootRow)] for foot in feet], dtype=float).ravel()

@@ -262,8 +262,9 @@ class BoundGait(BoundReference):
 
     def _check_reach(self, schedule: ContactSchedule) -> None:
         """Raise ProblemError if the feet cannot follow their reference after the ramp."""
-        settled = self.gait.ramp + sum(duration for duration, _ in schedule.once) + schedule.period
-        t = settled + np.arange(0.0, max(schedule.period, _STEP), _STEP)
+        once = sum(duration for duration, _ in schedule.once)
+        settled = self.gait.ramp + once + schedule.period if schedule.cycle else min(self.gait.ramp, once)
+        t = settled + np.arange(0.0, max(schedule.period or once - settled, _STEP), _STEP)
         position, rpy, _, _ = self._base(t)
         place, _ = self.footsteps.at(t)
         tolerance = 0.1 * _MISS * float(self.kinematics.reach.min())

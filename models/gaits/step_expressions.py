@@ -60,23 +60,24 @@ class StepExpressions:
         box = cs.fmin(self.reach[foot] * cs.SX(BOX), room)
         return cs.vertcat(hip + turned(yaw, home + cs.fmin(cs.fmax(offset, -box), box)), self.ground)
 
-    def stance(self, foot: int, memory: GaitMemory, row: FootRow, phi: cs.SX) -> cs.SX:
-        """Return the place of a foot in the present stance of a phase, (3, 1) [m].
+    def swing(self, foot: int, memory: GaitMemory, row: FootRow, phi: cs.SX, tau: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """Return a foot's position [m] and velocity [m/s], (3, 1) each.
 
         Args:
             foot: index of the foot.
             memory: memory of the gait.
             row: numbers of the phase.
             phi: start of the phase after now [s].
+            tau: time after now [s].
         """
-        ahead = self.foothold(foot, memory, phi + row.touchdown, row.length, phi + row.before <= SAME_TIME)
-        return cs.if_else(phi + row.touchdown <= SAME_TIME, memory.places[foot], ahead)
 
-    def swing(self, foot: int, memory: GaitMemory, row: FootRow, phi: cs.SX, tau: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """Return a foot's position [m] and velocity [m/s], (3, 1) each; arguments as above, tau is a time after now."""
-        first = self.stance(foot, memory, row, phi)
-        is_next = phi + row.touchdown <= SAME_TIME
-        last = self.foothold(foot, memory, phi + row.next_touchdown, row.next_length, is_next)
+        def place(before: cs.SX, touchdown: cs.SX, length: cs.SX) -> cs.SX:
+            """Return the place of a stance: where the foot is, if it has begun."""
+            ahead = self.foothold(foot, memory, phi + touchdown, length, phi + before <= SAME_TIME)
+            return cs.if_else(phi + touchdown <= SAME_TIME, memory.places[foot], ahead)
+
+        first = place(row.before, row.touchdown, row.length)
+        last = place(row.touchdown, row.next_touchdown, row.next_length)
         t = tau - phi
         swings = cs.logic_and(t > row.liftoff, row.lands > 0.5)
         length = cs.if_else(swings, row.next_touchdown - row.liftoff, 1)

@@ -21,9 +21,9 @@ Entries = tuple[tuple[Quantity, int], ...]
 class ReferenceFunctions:
     """A bound reference for a controller that plans again and again, which may change the command on the way.
 
-    The functions are of ``casadi.SX``; generated C needs no memory beside the arguments. They are finite everywhere, and
-    meant for values alone, not for derivatives. *Now* is the time of the last :attr:`advance`, or of :attr:`begin`.
-    All times are relative to now, or to the start of a phase, so that numbers do not grow in an hour.
+    The functions are of ``casadi.SX``, so that C can be generated from them. They are finite everywhere, and meant for
+    values alone, not for derivatives. *Now* is the time of the last ``advance``, or of ``begin``. All times are
+    relative to now, or to the start of a phase, so that numbers do not grow in an hour.
 
     What the reference remembers is the memory m. A *row* is the numbers of a phase of the piece; phi is the start of
     this phase minus now. On a boundary of phases, either phase may be given: positions and velocities are the same, and

@@ -63,7 +63,10 @@ def from_rpy(rpy: cs.SX) -> cs.SX:
     """Return the quaternion of R = Rz(yaw) Ry(pitch) Rx(roll), (3, 1) as roll, pitch, yaw [rad] → (4, 1)."""
     (cr, cp, cy), (sr, sp, sy) = cs.vertsplit(cs.cos(rpy / 2)), cs.vertsplit(cs.sin(rpy / 2))
     return cs.vertcat(
-        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
     )
 
 
