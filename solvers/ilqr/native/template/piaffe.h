@@ -107,7 +107,7 @@ typedef struct Problem {
     Record *history;                        /* (max_iterations) */
     volatile int num_records;               /* written after the record, so that a reader sees complete records */
     volatile int cancel;                    /* another thread sets it to stop the solve */
-    int cleared;                            /* whether the constant zeros of D, H, end_H and P are set; 0 at first, and after each new layout */
+    int cleared;                            /* whether the constant zeros of D, H, end_H, P are set; 0 after each new layout */
     double *slope, *curvature;              /* work arrays like those of a block: rows of the largest mode times W */
     /* state of a solve */
     double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_step;
