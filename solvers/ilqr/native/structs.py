@@ -29,11 +29,11 @@ _OF_BLOCK = [
     "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "factors",
     "factors0", "relaxation", "shift", "multiplier", "penalty",
 ]  # fmt: skip
-_OF_SOLVE = [
+OF_SOLVE = [
     "weight", "rho", "least_rho", "regularization_now", "cost", "gap", "max_defect", "max_equality", "max_inequality",
     "last_equality", "last_cost", "last_violation", "last_step", "resume_merit", "resume_cost", "began",
 ]  # fmt: skip
-_COUNTERS = ["resume_converged", "inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
+COUNTERS = ["resume_converged", "inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
 
 
 class Options(ct.Structure):
@@ -122,8 +122,8 @@ def structs(width: int) -> Structs:
             ("cleared", ct.c_int),
             ("slope", Doubles),
             ("curvature", Doubles),
-            *((name, ct.c_double) for name in _OF_SOLVE),
-            *((name, ct.c_int) for name in _COUNTERS),
+            *((name, ct.c_double) for name in OF_SOLVE),
+            *((name, ct.c_int) for name in COUNTERS),
             ("gains", ct.c_double * constants.PATIENCE),
         ]
 

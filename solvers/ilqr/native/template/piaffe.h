@@ -107,7 +107,7 @@ typedef struct Problem {
     Record *history;                        /* (max_iterations) */
     volatile int num_records;               /* written after the record, so that a reader sees complete records */
     volatile int cancel;                    /* another thread sets it to stop the solve */
-    int cleared;                            /* whether the constant zeros of D, H, end_H and P are set; initially 0 */
+    int cleared;                            /* whether the constant zeros of D, H, end_H, P are set; 0 after each new layout */
     double *slope, *curvature;              /* work arrays like those of a block: rows of the largest mode times W */
     /* state of a solve */
     double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_step;
@@ -119,6 +119,10 @@ typedef struct Problem {
     double gains[PATIENCE];                 /* what the last steps of the sub-problem gained, in turn */
 } Problem;
 
+/* Before each call the caller writes the start to xt and ut of each phase (a solve swaps these pointers with x and u), relaxations,
+ * shifts, multipliers and penalties to all lanes of the blocks, and sets cancel = 0. If resumed: also weight, has_last_cost and
+ * last_cost. If resumed is 2: also rho, least_rho, regularization_now, last_step, last_equality, last_violation, inner, unmoved,
+ * gains, num_gains and the resume_ fields. Everything else may be of any other solve. */
 int piaffe_solve(Problem *problem, int resumed);
 int piaffe_policy(Problem *problem);
 double piaffe_merit(Problem *problem);
