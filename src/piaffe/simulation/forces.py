@@ -67,5 +67,9 @@ def others_in_contact(model: Any, data: Any, feet: Sequence[int]) -> tuple[str, 
         data: its ``mujoco.MjData``, after a step or ``mj_forward``.
         feet: ids of the feet's geoms.
     """
-    touching = {int(side) for c in range(data.ncon) for side in (data.contact[c].geom1, data.contact[c].geom2)}
-    return tuple(model.geom(side).name for side in sorted(touching) if side not in feet and model.geom_bodyid[side] > 0)
+    if not data.ncon:
+        return ()
+    sides = data.contact.geom
+    fixed = model.body_weldid[model.geom_bodyid[sides]] == 0
+    touching = set(sides[fixed[:, ::-1] & ~fixed].tolist()) - set(feet)
+    return tuple(model.geom(side).name or model.body(model.geom_bodyid[side]).name for side in sorted(touching))
