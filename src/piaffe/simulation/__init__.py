@@ -25,6 +25,8 @@ from .execution import Trial as Trial
 from .execution import declared_friction as declared_friction
 from .execution import execute as execute
 from .forces import foot_forces as foot_forces
+from .kalman import KalmanEstimator as KalmanEstimator
+from .kalman import KalmanNoise as KalmanNoise
 from .online import run_online as run_online
 from .online_episode import OnlineEpisode as OnlineEpisode
 from .online_episode import PlanLog as PlanLog
