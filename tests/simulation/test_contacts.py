@@ -93,6 +93,9 @@ def test_methods_come_before_phases_and_a_plan_without_contacts_has_none() -> No
     assert planned_contacts(SimpleNamespace(), SimpleNamespace(phases=[])) is None
     other = SimpleNamespace(mode=SimpleNamespace(layout=SimpleNamespace(slots={})))
     assert planned_contacts(SimpleNamespace(), SimpleNamespace(phases=[other])) is None
+    head = planned_contacts(SimpleNamespace(), SimpleNamespace(phases=[*plan.phases, other]))
+    assert head is not None
+    np.testing.assert_array_equal(head(9.0), [1, 1, 1, 1])
 
 
 def test_tracking_is_in_heading_axes() -> None:

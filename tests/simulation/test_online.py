@@ -10,7 +10,7 @@ import pytest
 
 from piaffe import models
 from piaffe.errors import ModelError, ShapeError
-from piaffe.simulation import Command, Plant, Push, SensorNoise, run_online, torque_plant
+from piaffe.simulation import Actuators, Command, Perturbation, Plant, Push, SensorNoise, run_online, torque_plant
 from tests.simulation.online import KD, KP, STAND, Angles, Springs, Sway
 from tests.simulation.plans import BODY, ROBOT
 
@@ -136,6 +136,24 @@ def test_a_fall_ends_the_episode_and_says_why() -> None:
     lying = run_online(None, limp, Plant(ROBOT), seconds=0.5, initial=START, fall=models.Fall(tilt=pi, height=-inf))
     assert not lying.fell
     assert lying.upright == lying.success
+
+
+def test_a_simulation_that_diverges_ends_the_episode() -> None:
+    low = Springs(Angles(STAND))
+    low.control = lambda x, t: np.full(12, 1e7)  # type: ignore[method-assign]
+    plant = Plant(ROBOT, actuators=Actuators(torque_limit=np.inf))
+    made = run_online(None, low, plant, seconds=0.1, initial=START)
+    assert made.fault == "the simulation diverged"
+    assert made.end <= 0.004
+    assert np.all(np.isfinite(made.last))
+
+
+def test_random_starts_are_around_the_state_of_a_plant() -> None:
+    plant = Plant(ROBOT)
+    starts = [Perturbation().around(plant.model, START, seed) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(starts[0], starts[1])
+    assert not np.array_equal(starts[0], starts[2])
+    assert run_online(None, Springs(Angles(STAND)), plant, seconds=0.01, initial=starts[2]).success
 
 
 def test_a_robot_that_lies_on_its_side_at_the_end_has_no_success() -> None:

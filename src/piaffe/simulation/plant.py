@@ -129,7 +129,9 @@ class Plant:
         self.robot, self.actuators = scene.robot, actuators or Actuators()
         self.noise = noise or SensorNoise()
         self.scene = Scene(**{**vars(scene), "direct": True})
-        self.space = torque_plant(scene.robot).state
+        self.model = torque_plant(scene.robot)
+        """The robot without the plant's changes, for random starts: ``Perturbation().around(plant.model, x, seed)``."""
+        self.space = self.model.state
         forbid(self.scene.compiled, "ACTUATION")
         scale_masses(self.scene, mass_scale)
         if payload is not None:
