@@ -169,6 +169,34 @@ def test_limits_come_from_joints_actuators_or_the_robot(tmp_path: Path) -> None:
     assert limit["RL_hip_joint"] == ROBOT.torque_limit[0] != 23.0
 
 
+def test_the_files_actuators_do_not_act(tmp_path: Path) -> None:
+    servo = '    <position joint="front_left_knee" kp="100"/>\n  </actuator>'
+    made = [
+        run_online(None, Stiff(Angles(STAND)), load(path), seconds=0.2, initial=START).last
+        for path in (FILE, rewritten(tmp_path, (r"  </actuator>", servo)))
+    ]
+    np.testing.assert_array_equal(made[0], made[1])
+
+
+def test_collisions_are_of_the_robot_with_the_ground(tmp_path: Path) -> None:
+    ball = '<body name="ball" pos="2 0 0.1"><freejoint/><geom type="sphere" size="0.1" mass="1"/></body>'
+    inside = '<geom name="inner" type="sphere" size="0.08" mass="0"/>'  # touches parts of the legs, not the ground
+    knee = '<geom type="sphere" size="0.05" mass="0"/>'
+    changes = [
+        (r"  <worldbody>\n", f"  <worldbody>\n{ball}\n"),
+        (r'(      <geom name="belly")', rf"      {inside}\n\1"),
+    ]
+    crowded = rewritten(tmp_path, *changes, (r'(      +<joint name="front_left_hip")', rf"        {knee}\n\1"))
+    low = Stiff(Angles(STAND))
+    made = run_online(None, low, load(crowded), seconds=0.3, initial=START)
+    assert made.collisions == {}
+    limp = Stiff(Angles(STAND))
+    limp.control = lambda x, t: np.zeros(12)  # type: ignore[method-assign]
+    fallen = run_online(None, limp, load(crowded), seconds=1.0, initial=START, fall=NEVER)
+    assert min(fallen.collisions.values()) > 0.1
+    assert "belly" in fallen.collisions or "front_left_thigh" in fallen.collisions  # geoms without a name: their body
+
+
 ERRORS: list[tuple[dict[str, Any], list[tuple[str, str]], str]] = [
     ({"joints": {}}, [], "joints of robot 'go2' are missing - got front_left_abduction, front_left_hip,"),
     ({"joints": {**JOINTS, "FL_hip_joint": "hip"}}, [], "are missing - got front_left_abduction, expected hip; give"),
@@ -187,6 +215,10 @@ ERRORS: list[tuple[dict[str, Any], list[tuple[str, str]], str]] = [
     (
         {}, [(r'(<geom name="belly")', r'<body name="head"><joint name="neck"/><geom size="0.1"/></body>\1')],
         "it has joints that robot 'go2' does not have - got neck, expected only",
+    ),
+    (
+        {}, [(r'(<body name="front_left_thigh" pos=")0 0\.', r"\g<1>0.03 0.")],
+        "joint 'front_left_hip': it is not where 'FL_thigh_joint' is - got 30.0 mm between their axes in the compared",
     ),
     ({}, [("</mujoco>", "</mujoko>")], "MuJoCo cannot read it - got 'XML"),
     ({"timestep": 0.005}, [], "plant: timestep is out of range"),

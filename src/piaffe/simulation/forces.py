@@ -60,18 +60,20 @@ def foot_slip(model: Any, data: Any, feet: Sequence[int]) -> Array:
 
 
 def others_in_contact(model: Any, data: Any, feet: Sequence[int]) -> tuple[str, ...]:
-    """Return the names of the robot's geoms that touch the ground and are no feet.
+    """Return the names of the robot's geoms that touch the ground and are no feet; of their bodies if they have none.
 
     Args:
         model: a ``mujoco.MjModel``.
         data: its ``mujoco.MjData``, after a step or ``mj_forward``.
         feet: ids of the feet's geoms.
     """
-    if not data.ncon:
+    if not (data.ncon and feet):
         return ()
     sides = data.contact.geom
-    fixed = model.body_weldid[model.geom_bodyid[sides]] == 0
-    touching = set(sides[fixed[:, ::-1] & ~fixed].tolist()) - set(feet)
+    bodies = model.geom_bodyid[sides]
+    fixed = model.body_weldid[bodies] == 0
+    own = model.body_rootid[bodies] == model.body_rootid[model.geom_bodyid[feet[0]]]
+    touching = set(sides[fixed[:, ::-1] & own].tolist()) - set(feet)
     return tuple(model.geom(side).name or model.body(model.geom_bodyid[side]).name for side in sorted(touching))
 
 
