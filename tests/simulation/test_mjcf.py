@@ -180,7 +180,7 @@ def test_the_files_actuators_do_not_act(tmp_path: Path) -> None:
 
 def test_collisions_are_of_the_robot_with_the_ground(tmp_path: Path) -> None:
     ball = '<body name="ball" pos="2 0 0.1"><freejoint/><geom type="sphere" size="0.1" mass="1"/></body>'
-    inside = '<geom name="inner" type="sphere" size="0.08" mass="0"/>'  # touches parts of the legs, not the ground
+    inside = '<geom name="inner" type="sphere" size="0.2" mass="0"/>'  # touches parts of the legs, not the ground
     knee = '<geom type="sphere" size="0.05" mass="0"/>'
     changes = [
         (r"  <worldbody>\n", f"  <worldbody>\n{ball}\n"),
@@ -188,13 +188,16 @@ def test_collisions_are_of_the_robot_with_the_ground(tmp_path: Path) -> None:
     ]
     crowded = rewritten(tmp_path, *changes, (r'(      +<joint name="front_left_hip")', rf"        {knee}\n\1"))
     low = Stiff(Angles(STAND))
-    made = run_online(None, low, load(crowded), seconds=0.3, initial=START)
+    made = run_online(None, low, load(crowded), seconds=0.05, initial=START)
     assert made.collisions == {}
     limp = Stiff(Angles(STAND))
     limp.control = lambda x, t: np.zeros(12)  # type: ignore[method-assign]
-    fallen = run_online(None, limp, load(crowded), seconds=1.0, initial=START, fall=NEVER)
-    assert min(fallen.collisions.values()) > 0.1
-    assert "belly" in fallen.collisions or "front_left_thigh" in fallen.collisions  # geoms without a name: their body
+    plants = [(load(crowded), "inner"), (load(), "belly")]
+    plants.append((load(rewritten(tmp_path, (r'name="belly" ', ""))), "trunk"))  # a geom without a name
+    for plant, name in plants:
+        fallen = run_online(None, limp, plant, seconds=1.5, initial=START, fall=NEVER)
+        assert set(fallen.collisions) == {name}
+        assert fallen.collisions[name] > 0.1
 
 
 ERRORS: list[tuple[dict[str, Any], list[tuple[str, str]], str]] = [
