@@ -105,12 +105,30 @@ def test_commands_reach_the_planner_before_the_first_plan_at_their_time() -> Non
     planner = Sway()
     made = run_online(
         planner, Springs(), Plant(ROBOT), seconds=0.1, initial=START,
-        commands=(Command(0.05, {"vx": 0.2, "height": 0.2}), Command(0.0, {"vx": 0.1, "yaw_rate": -0.3})),
+        commands=(Command(0.05, {"speed": 0.2, "height": 0.2}), Command(0.0, {"speed": 0.1, "yaw_rate": -0.3})),
     )  # fmt: skip
-    assert planner.told == [(0, {"vx": 0.1, "yaw_rate": -0.3}), (3, {"vx": 0.2, "height": 0.2})]
+    assert planner.told == [(0, {"speed": 0.1, "yaw_rate": -0.3}), (3, {"speed": 0.2, "height": 0.2})]
     early, late = made.commands[made.times < 0.0599], made.commands[made.times > 0.0599]
     np.testing.assert_array_equal(early, np.tile([0.1, 0.0, -0.3], (len(early), 1)))
     np.testing.assert_array_equal(late, np.tile([0.2, 0.0, -0.3], (len(late), 1)))
+
+
+def test_a_low_level_that_measures_contacts_gets_the_feet_on_the_ground() -> None:
+    low, seen = Springs(Angles(STAND)), []
+    own = low.control
+    low.measures_contacts = True  # type: ignore[attr-defined]
+
+    def control(x: np.ndarray, t: float, contacts: np.ndarray) -> np.ndarray:
+        seen.append(contacts)
+        return own(x, t)
+
+    low.control = control  # type: ignore[method-assign, assignment]
+    dropped = BODY.state(joints="stand", position=(0, 0, ROBOT.base_height() + 0.01), rpy=(0.02, 0.03, 0))
+    made = run_online(None, low, Plant(ROBOT), seconds=0.2, initial=dropped)
+    np.testing.assert_array_equal(np.array(seen, dtype=bool), made.touching)
+    counts = np.sum(seen, axis=1)
+    assert counts[0] == 0
+    assert {1, 4} <= set(counts)
 
 
 def test_a_control_that_is_not_finite_ends_the_episode_and_names_the_joint() -> None:
@@ -239,4 +257,4 @@ def test_states_and_controls_of_another_size_and_planners_without_commands_are_r
     with pytest.raises(ShapeError, match=r"control has the wrong size - got shape \(11,\), expected \(12,\)"):
         run_online(None, low, Plant(ROBOT), seconds=0.1, initial=START)
     with pytest.raises(ModelError, match="the planner takes no commands - got 1 of them and None"):
-        run_online(None, low, Plant(ROBOT), seconds=0.1, initial=START, commands=(Command(0.0, {"vx": 1.0}),))
+        run_online(None, low, Plant(ROBOT), seconds=0.1, initial=START, commands=(Command(0.0, {"speed": 1.0}),))

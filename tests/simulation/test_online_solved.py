@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from piaffe import models, ocp, solvers
 from piaffe.simulation import Actuators, Plant, SensorNoise, parse_pushes, planned_contacts, run_online
@@ -63,14 +62,3 @@ def test_a_disturbed_plant_disturbs_and_says_so() -> None:
         assert np.abs(other.states[:n] - plain.states[:n]).max() > 0.05
     assert weak.limited.mean() > plain.limited.mean()
     assert weak.excess()["torque"] > 1.0
-
-
-@pytest.mark.parametrize("feel", [True, False])
-def test_measured_contacts_reach_the_low_level(feel: bool) -> None:
-    seen: list[np.ndarray] = []
-    made = run(solvers.Riccati(plan()), touch=seen.append if feel else None)
-    if feel:
-        np.testing.assert_array_equal(np.array(seen, dtype=bool), made.touching)
-        assert 0.1 < np.mean(seen) < 0.9
-    else:
-        assert not seen

@@ -105,17 +105,18 @@ def test_pushes_out_of_range_are_refused(push: dict[str, Any], text: str) -> Non
 
 def test_commands_have_a_text_form() -> None:
     assert parse_commands("vx=0.8@3 vx=0.5 yaw=-0.5@6 height=.2@3") == (
-        Command(0.0, {"vx": 0.5}),
-        Command(3.0, {"vx": 0.8, "height": 0.2}),
+        Command(0.0, {"speed": 0.5}),
+        Command(3.0, {"speed": 0.8, "height": 0.2}),
         Command(6.0, {"yaw_rate": -0.5}),
     )
+    assert parse_commands("vy=0.1") == (Command(0.0, {"lateral_speed": 0.1}),)
     for word in ("vx", "vx=", "0.5@3", "vx=a", "vx=1@", "vx=1@b"):
         with pytest.raises(
             ModelError, match=re.escape(f"command: text is unusable - got {word!r}, expected name=value")
         ):
             parse_commands(word)
-    with pytest.raises(ModelError, match="command: 'vx' has two values at one time - got 1 and 2"):
-        parse_commands("vx=1@2 vx=2@2.0")
+    with pytest.raises(ModelError, match="command: 'speed' has two values at one time - got 1 and 2"):
+        parse_commands("vx=1@2 speed=2@2.0")
 
 
 def test_commands_out_of_range_are_refused() -> None:

@@ -15,7 +15,7 @@ from .command import Command
 from .estimator import Estimator
 from .numbers import finite_number, whole_steps
 from .online_episode import OnlineEpisode
-from .online_run import OnlineRun, Touch
+from .online_run import OnlineRun
 from .planner import LowLevelLike, Planner
 from .plant import Plant
 from .policy_run import Control
@@ -44,7 +44,6 @@ def run_online(
     fall: Fall | None = None,
     hold: Control | None = None,
     estimator: Estimator | None = None,
-    touch: Touch | None = None,
     every: int = 1,
     progress: Callable[[float, float], None] | None = None,
 ) -> OnlineEpisode:
@@ -72,8 +71,6 @@ def run_online(
             tilt of 1.2 rad, and 0.4 of the height at which the robot stands.
         hold: torques of a state and a time before the first plan acts; by default gains on the joints.
         estimator: estimates the state from the sensors on the robot; by default the measured state is used.
-        touch: called before every tick with the feet that are on the ground by their force, for a low level that
-            follows measured contacts.
         every: one tick of so many is recorded, for long episodes.
         progress: called after every period with the time that is simulated and ``seconds``.
 
@@ -99,7 +96,7 @@ def run_online(
     at = finite_number("online", "start", start)
     run = OnlineRun(planner, low, plant, x, pushes, commands, seed, at, ticks)
     run.fall = fall or Fall(_FALLEN_TILT, _FALLEN_HEIGHT * plant.robot.base_height())
-    run.hold, run.estimator, run.touch = hold or _joint_gains(plant, x), estimator, touch
+    run.hold, run.estimator = hold or _joint_gains(plant, x), estimator
     run.begin(x, steps // ticks + steps // period + 2, every)
     loop = TwoRates(run.simulation, run, Rates(period, ticks, lag), limit=steps)
     k = 0

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import cos, pi
 from time import thread_time
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,8 @@ from .pushes import Pushes
 
 Array = NDArray[np.float64]
 
-Touch = Callable[[Array], None]
-"""Called before every tick with which feet are on the ground by their force, 1 or 0, (nf,)."""
-
 _LOADED = 0.01  # a foot is on the ground if its normal force exceeds this share of the robot's weight
-_VELOCITY = ("vx", "vy", "yaw_rate")
+_VELOCITY = ("speed", "lateral_speed", "yaw_rate")
 
 
 class OnlineRun:
@@ -40,7 +38,6 @@ class OnlineRun:
     fall: Fall
     hold: Control
     estimator: Estimator | None
-    touch: Touch | None
 
     def __init__(
         self, planner: Planner | None, low: LowLevelLike, plant: Plant, x: Array, pushes: Sequence[Push],
@@ -129,12 +126,12 @@ class OnlineRun:
         self.fault = self._fault_of(x)
         if self.fault:
             return
-        if self.touch is not None:
-            self.touch((self.simulation.foot_forces()[:, 2] >= self._weight * _LOADED).astype(float))
         measured, seconds = self._sense(x, t), np.nan
         if self._acting:
+            flags = (self._touching(),) if getattr(self._low, "measures_contacts", False) else ()
+            act: Any = self._low.control  # with a third argument if contacts are measured
             begin = thread_time()
-            control = self._low.control(measured, t)
+            control = act(measured, t, *flags)
             seconds = thread_time() - begin
         else:
             control = self.hold(x, t)
@@ -177,11 +174,14 @@ class OnlineRun:
         else:
             before, then = self._before
             elapsed = 0.0 if np.isnan(then) else t - then
-            on = (self.simulation.foot_forces()[:, 2] >= self._weight * _LOADED).astype(float)
-            reading = self._sensors.reading(x, before, elapsed, on, self._planned(t))
+            reading = self._sensors.reading(x, before, elapsed, self._touching(), self._planned(t))
             self._estimate, self._before = self.estimator.estimate(reading, elapsed), (x, t)
         self._sensed = self._step
         return self._estimate
+
+    def _touching(self) -> Array:
+        """Return which feet are on the ground by their force, 1 or 0, (nf,)."""
+        return np.asarray(self.simulation.foot_forces()[:, 2] >= self._weight * _LOADED, dtype=float)
 
     # ---- the record
 
