@@ -48,3 +48,5 @@ from .simulation import MAX_SPEED as MAX_SPEED
 from .simulation import Simulation as Simulation
 from .spread import Spread as Spread
 from .tracking import Tracking as Tracking
+from .wall_clock import Deadlines as Deadlines
+from .wall_clock import WallClock as WallClock

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,12 @@ from .numbers import finite_number, whole_steps
 from .online_episode import OnlineEpisode
 from .online_run import OnlineRun
 from .planner import LowLevelLike, Planner
+from .planning import PlanningInThread
 from .plant import Plant
 from .policy_run import Control
 from .push import Push
 from .two_rates import Rates, TwoRates
+from .wall_clock import WallClock
 
 Array = NDArray[np.float64]
 
@@ -45,6 +48,7 @@ def run_online(
     hold: Control | None = None,
     estimator: Estimator | None = None,
     every: int = 1,
+    wall_clock: bool | WallClock = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> OnlineEpisode:
     """Run a planner and a low level against a plant, until it falls or the time is over.
@@ -72,6 +76,8 @@ def run_online(
         hold: torques of a state and a time before the first plan acts; by default gains on the joints.
         estimator: estimates the state from the sensors on the robot; by default the measured state is used.
         every: one tick of so many is recorded, for long episodes.
+        wall_clock: pace the simulation by the real clock, and plan in a thread of its own. The first plan is made
+            before the clock starts. A plan that is not ready after the latency is missed; the one before goes on.
         progress: called after every period with the time that is simulated and ``seconds``.
 
     Raises:
@@ -94,17 +100,27 @@ def run_online(
         raise ModelError(f"online: every is out of range - got {every!r}, expected a whole number ≥ 1; change it")
     x = np.array(_initial(planner, low, plant) if initial is None else initial, dtype=float)
     at = finite_number("online", "start", start)
-    run = OnlineRun(planner, low, plant, x, pushes, commands, seed, at, ticks)
+    if wall_clock and planner is not None and not lag:
+        raise ModelError(
+            "online: a plan needs time against the real clock - got latency=0, expected at least a step of the "
+            f"simulator, {step:g} s; give the planner's latency"
+        )
+    run = OnlineRun(planner, low, plant, x, pushes, commands, seed, at, tick)
     run.fall = fall or Fall(_FALLEN_TILT, _FALLEN_HEIGHT * plant.robot.base_height())
     run.hold, run.estimator = hold or _joint_gains(plant, x), estimator
     run.begin(x, steps // ticks + steps // period + 2, every)
     loop = TwoRates(run.simulation, run, Rates(period, ticks, lag), limit=steps)
-    k = 0
-    while not loop.over:
-        loop.period(at + k * period * step)
-        k += 1
-        if progress is not None:
-            progress(min(k * period, steps) * step, seconds)
+    clock = wall_clock if isinstance(wall_clock, WallClock) else WallClock() if wall_clock else None
+    with clock or nullcontext():
+        if clock is not None:
+            run.clock = clock
+            run.planning = None if planner is None else PlanningInThread(planner, clock.executor)
+        k = 0
+        while not loop.over:
+            loop.period(at + k * period * step)
+            k += 1
+            if progress is not None:
+                progress(min(k * period, steps) * step, seconds)
     return run.episode(float(seconds), at + loop.steps * step)
 
 

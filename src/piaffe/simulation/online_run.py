@@ -21,10 +21,12 @@ from .log import Log
 from .online_episode import OnlineEpisode, PlanLog
 from .plan_velocity import planned_velocity
 from .planner import LowLevelLike, Planner
+from .planning import Planning, PlanningAtOnce, PlanningInThread
 from .plant import Plant
 from .policy_run import Control
 from .push import Push
 from .pushes import Pushes
+from .wall_clock import Deadlines, WallClock
 
 Array = NDArray[np.float64]
 
@@ -38,13 +40,16 @@ class OnlineRun:
     fall: Fall
     hold: Control
     estimator: Estimator | None
+    planning: Planning | None
+    clock: WallClock | None = None
 
     def __init__(
         self, planner: Planner | None, low: LowLevelLike, plant: Plant, x: Array, pushes: Sequence[Push],
-        commands: Sequence[Command], seed: int, start: float, ticks: int,
+        commands: Sequence[Command], seed: int, start: float, tick: float,
     ) -> None:  # fmt: skip
         self.simulation = plant.simulate(x)
-        self._planner, self._low, self._plant, self._ticks = planner, low, plant, ticks
+        self._planner, self._low, self._plant, self._tick_s = planner, low, plant, tick
+        self.planning = None if planner is None else PlanningAtOnce(planner)
         self._sensors = plant.sensors(seed)
         self._pushes = Pushes(pushes, plant.space, start, plant.timestep)
         self._commands = sorted(commands, key=lambda each: each.time)
@@ -90,32 +95,37 @@ class OnlineRun:
         return bool(self.fault)
 
     def measure(self, t: float) -> Array:
-        """Tell the planner its commands, and return the measured state (nx,)."""
-        while self._commands and self._commands[0].time <= t + SAME_TIME:
-            values = self._commands.pop(0).values
-            self._planner.command(**values)  # type: ignore[union-attr]  # commands need such a planner, see __init__
-            self._asked.update({name: value for name, value in values.items() if name in _VELOCITY})
-        return self._sense(self.simulation.state, t) if self._planner is not None else self._estimate
+        """Ask for a plan of the measured state, and return this state (nx,)."""
+        if self.planning is None:
+            return self._estimate
+        x = self._sense(self.simulation.state, t)
+        due = [each for each in self._commands if each.time <= t + SAME_TIME]
+        if self.planning.ask(x, t, due):
+            self._commands = self._commands[len(due) :]
+            for command in due:
+                self._asked.update({name: value for name, value in command.values.items() if name in _VELOCITY})
+        return x
 
     def plan(self, x: Array, t: float) -> None:
-        """Make a plan, which the low level follows from now on."""
-        if self._planner is None:
+        """Follow the plan that was asked for, if it is ready."""
+        made = None if self.planning is None else self.planning.take()
+        if made is None:
             return
-        begin = thread_time()
-        plan = self._planner.plan(x, t)
-        seconds = thread_time() - begin
-        self._low.follow(plan)
-        self._acting, self._made = True, t
-        self._contacts = planned_contacts(self._low, plan)
-        status = getattr(plan, "status", "")
-        iterations = getattr(plan, "iterations", np.nan)
-        self._plans.append((t, seconds, float(iterations), str(getattr(status, "name", status))))
+        self._low.follow(made.plan)
+        self._acting, self._made = True, made.time
+        self._contacts = planned_contacts(self._low, made.plan)
+        status, iterations = getattr(made.plan, "status", ""), getattr(made.plan, "iterations", np.nan)
+        self._plans.append((made.time, made.seconds, float(iterations), str(getattr(status, "name", status))))
 
     def control(self, t: float, due: bool) -> Array:
         """Return the torques of a step, (nu,)."""
+        if self.clock is not None:
+            self.clock.reach(t)
         self._pushes.apply(self.simulation, self._step)
         if due:
             self._tick(self.simulation.state, t)
+            if self.clock is not None:
+                self.clock.ticked(t, self._tick_s)
         elif not self._acting:
             self._control = self.hold(self.simulation.state, t)
         self._step += 1
@@ -229,5 +239,13 @@ class OnlineRun:
             commands=commands, limited=log["limited"] > 0.5, torque_limit=self._plant.torque_limit, plans=plans,
             collisions=self._collisions, last=last, end=end, fault=self.fault, least_force=self._weight * _LOADED,
             fallbacks=getattr(self._low, "fallbacks", 0) - self._counts["fallbacks"],
-            damped=getattr(self._low, "damped", 0) - self._counts["damped"],
+            damped=getattr(self._low, "damped", 0) - self._counts["damped"], deadlines=self._deadlines(),
         )  # fmt: skip
+
+    def _deadlines(self) -> Deadlines | None:
+        if self.clock is None:
+            return None
+        asked, missed = (
+            (self.planning.asked - 1, self.planning.missed) if isinstance(self.planning, PlanningInThread) else (0, 0)
+        )
+        return Deadlines(max(asked, 0), missed, self.clock.ticks, self.clock.missed, self.clock.latest)
