@@ -73,6 +73,14 @@ def test_with_time_enough_the_robot_moves_as_without_the_clock() -> None:
     assert made.summary()["deadlines"]["plans"] == 4
 
 
+def test_an_episode_that_starts_later_in_the_motion_begins_at_once() -> None:
+    bench = Bench(*5 * [0.011])
+    made = run(bench, Sway(), Springs(), start=3.0)
+    assert made.end == pytest.approx(3.1)
+    assert bench.time == pytest.approx(100.099)
+    assert made.deadlines.latest == pytest.approx(0.0, abs=1e-9)
+
+
 def test_a_plan_that_is_late_is_missed_and_the_one_before_goes_on() -> None:
     # due 12 ms after 20, 40, 60 and 80 ms; that of 40 ms is ready at 55 ms, and at 60 ms the next begins
     planner, low = Sway(), Springs()
@@ -127,10 +135,11 @@ def test_errors_of_the_planner_reach_the_caller_and_the_interpreter_is_as_before
                 raise ValueError("broken")
             return super().plan(x, t)
 
-    before = sys.getswitchinterval()
+    sys.setswitchinterval(0.007)
     with pytest.raises(ValueError, match="broken"):
         run(Bench(0.001, 0.001), Broken(), Springs())
-    assert sys.getswitchinterval() == before
+    assert sys.getswitchinterval() == pytest.approx(0.007, abs=2e-6)  # whole microseconds
+    sys.setswitchinterval(0.005)  # Python's default
 
 
 def test_a_thread_and_the_real_clock_run_an_episode() -> None:
