@@ -10,7 +10,7 @@ import pytest
 
 from piaffe import models
 from piaffe.errors import ModelError, ShapeError
-from piaffe.simulation import Command, Plant, Push, SensorNoise, run_online, torque_plant
+from piaffe.simulation import Actuators, Command, Perturbation, Plant, Push, SensorNoise, run_online, torque_plant
 from tests.simulation.online import KD, KP, STAND, Angles, Springs, Sway
 from tests.simulation.plans import BODY, ROBOT
 
@@ -105,12 +105,30 @@ def test_commands_reach_the_planner_before_the_first_plan_at_their_time() -> Non
     planner = Sway()
     made = run_online(
         planner, Springs(), Plant(ROBOT), seconds=0.1, initial=START,
-        commands=(Command(0.05, {"vx": 0.2, "height": 0.2}), Command(0.0, {"vx": 0.1, "yaw_rate": -0.3})),
+        commands=(Command(0.05, {"speed": 0.2, "height": 0.2}), Command(0.0, {"speed": 0.1, "yaw_rate": -0.3})),
     )  # fmt: skip
-    assert planner.told == [(0, {"vx": 0.1, "yaw_rate": -0.3}), (3, {"vx": 0.2, "height": 0.2})]
+    assert planner.told == [(0, {"speed": 0.1, "yaw_rate": -0.3}), (3, {"speed": 0.2, "height": 0.2})]
     early, late = made.commands[made.times < 0.0599], made.commands[made.times > 0.0599]
     np.testing.assert_array_equal(early, np.tile([0.1, 0.0, -0.3], (len(early), 1)))
     np.testing.assert_array_equal(late, np.tile([0.2, 0.0, -0.3], (len(late), 1)))
+
+
+def test_a_low_level_that_measures_contacts_gets_the_feet_on_the_ground() -> None:
+    low, seen = Springs(Angles(STAND)), []
+    own = low.control
+    low.measures_contacts = True  # type: ignore[attr-defined]
+
+    def control(x: np.ndarray, t: float, contacts: np.ndarray) -> np.ndarray:
+        seen.append(contacts)
+        return own(x, t)
+
+    low.control = control  # type: ignore[method-assign, assignment]
+    dropped = BODY.state(joints="stand", position=(0, 0, ROBOT.base_height() + 0.01), rpy=(0.02, 0.03, 0))
+    made = run_online(None, low, Plant(ROBOT), seconds=0.2, initial=dropped)
+    np.testing.assert_array_equal(np.array(seen, dtype=bool), made.touching)
+    counts = np.sum(seen, axis=1)
+    assert counts[0] == 0
+    assert {1, 4} <= set(counts)
 
 
 def test_a_control_that_is_not_finite_ends_the_episode_and_names_the_joint() -> None:
@@ -136,6 +154,24 @@ def test_a_fall_ends_the_episode_and_says_why() -> None:
     lying = run_online(None, limp, Plant(ROBOT), seconds=0.5, initial=START, fall=models.Fall(tilt=pi, height=-inf))
     assert not lying.fell
     assert lying.upright == lying.success
+
+
+def test_a_simulation_that_diverges_ends_the_episode() -> None:
+    low = Springs(Angles(STAND))
+    low.control = lambda x, t: np.full(12, 1e7)  # type: ignore[method-assign]
+    plant = Plant(ROBOT, actuators=Actuators(torque_limit=np.inf))
+    made = run_online(None, low, plant, seconds=0.1, initial=START)
+    assert made.fault == "the simulation diverged"
+    assert made.end <= 0.004
+    assert np.all(np.isfinite(made.last))
+
+
+def test_random_starts_are_around_the_state_of_a_plant() -> None:
+    plant = Plant(ROBOT)
+    starts = [Perturbation().around(plant.model, START, seed) for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(starts[0], starts[1])
+    assert not np.array_equal(starts[0], starts[2])
+    assert run_online(None, Springs(Angles(STAND)), plant, seconds=0.01, initial=starts[2]).success
 
 
 def test_a_robot_that_lies_on_its_side_at_the_end_has_no_success() -> None:
@@ -221,4 +257,4 @@ def test_states_and_controls_of_another_size_and_planners_without_commands_are_r
     with pytest.raises(ShapeError, match=r"control has the wrong size - got shape \(11,\), expected \(12,\)"):
         run_online(None, low, Plant(ROBOT), seconds=0.1, initial=START)
     with pytest.raises(ModelError, match="the planner takes no commands - got 1 of them and None"):
-        run_online(None, low, Plant(ROBOT), seconds=0.1, initial=START, commands=(Command(0.0, {"vx": 1.0}),))
+        run_online(None, low, Plant(ROBOT), seconds=0.1, initial=START, commands=(Command(0.0, {"speed": 1.0}),))

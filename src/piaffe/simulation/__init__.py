@@ -25,6 +25,8 @@ from .execution import Trial as Trial
 from .execution import declared_friction as declared_friction
 from .execution import execute as execute
 from .forces import foot_forces as foot_forces
+from .kalman import KalmanEstimator as KalmanEstimator
+from .kalman import KalmanNoise as KalmanNoise
 from .online import run_online as run_online
 from .online_episode import OnlineEpisode as OnlineEpisode
 from .online_episode import PlanLog as PlanLog
@@ -46,3 +48,5 @@ from .simulation import MAX_SPEED as MAX_SPEED
 from .simulation import Simulation as Simulation
 from .spread import Spread as Spread
 from .tracking import Tracking as Tracking
+from .wall_clock import Deadlines as Deadlines
+from .wall_clock import WallClock as WallClock

@@ -17,6 +17,11 @@ from .scene import Scene, allow
 Array = NDArray[np.float64]
 
 _FIELDS = {"armature": "dof_armature", "damping": "dof_damping", "friction": "dof_frictionloss"}
+_EFFECTS: dict[str, tuple[str, ...]] = {
+    "armature": (),
+    "damping": ("DAMPER", "EULERDAMP"),
+    "friction": ("FRICTIONLOSS",),
+}
 
 
 def scale_masses(scene: Scene, scale: float | Mapping[str, float]) -> None:
@@ -75,10 +80,7 @@ def set_joints(scene: Scene, actuators: Actuators) -> None:
         values = actuators.number(name, scene.robot)
         if values is not None:
             getattr(model, field)[joints] = values
-    if model.dof_damping.any():
-        allow(model, "DAMPER", "EULERDAMP")
-    if model.dof_frictionloss.any():
-        allow(model, "FRICTIONLOSS")
+            allow(model, *_EFFECTS[name])
 
 
 def finish(scene: Scene) -> None:

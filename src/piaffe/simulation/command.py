@@ -12,15 +12,15 @@ from .numbers import finite_number
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TEXT = re.compile(rf"(?P<name>[A-Za-z_]\w*)=(?P<value>{_NUMBER})(?:@(?P<time>{_NUMBER}))?")
-_SHORT = {"yaw": "yaw_rate"}
+_SHORT = {"vx": "speed", "vy": "lateral_speed", "yaw": "yaw_rate"}
 
 
 @dataclass(frozen=True)
 class Command:
-    """Values that a planner is told at a time, as ``Command(3.0, {"vx": 0.8, "yaw_rate": 0.5})``.
+    """Values that a planner is told at a time, as ``Command(3.0, {"speed": 0.8, "yaw_rate": 0.5})``.
 
-    ``vx`` and ``vy`` are the base's velocity ahead and to the left in heading axes [m/s], ``yaw_rate`` is [rad/s]. The
-    figures of an episode compare with these. Other names go to the planner, too.
+    ``speed`` and ``lateral_speed`` are the base's velocity ahead and to the left in heading axes [m/s], ``yaw_rate`` is
+    [rad/s]. The figures of an episode compare with these. Other names go to the planner, too.
 
     Args:
         time: since the motion's start [s]; it counts from the first plan at this time or later.
@@ -37,7 +37,7 @@ class Command:
         if finite_number("command", "time", self.time) < 0:
             raise ModelError(f"command: time is out of range - got {self.time!r}, expected seconds ≥ 0; change it")
         if not self.values:
-            raise ModelError("command: no values - got none, expected at least one, as {'vx': 0.5}; give one")
+            raise ModelError("command: no values - got none, expected at least one, as {'speed': 0.5}; give one")
         for name, value in self.values.items():
             finite_number(f"command at {self.time:g} s", f"'{name}'", value)
 
@@ -45,7 +45,8 @@ class Command:
 def parse_commands(texts: str | Iterable[str]) -> tuple[Command, ...]:
     """Return the commands of a text, in the order of time: ``"vx=0.5 vx=0.8@3 yaw=0.5@6"``.
 
-    A value without ``@`` counts from 0 s on; ``yaw`` is short for ``yaw_rate``.
+    A value without ``@`` counts from 0 s on. ``vx``, ``vy`` and ``yaw`` are short for ``speed``, ``lateral_speed`` and
+    ``yaw_rate``.
 
     Raises:
         ModelError: a text is not a command, or a name has two values at one time.

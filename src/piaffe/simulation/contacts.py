@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ def planned_contacts(low: Any, plan: Any = None) -> Callable[[float], Array] | N
     """Return a function of time that returns which feet a plan has on the ground, 1 or 0, (nf,).
 
     The first of these is taken: ``low.contacts(t)``, ``plan.contacts(t)``, and the slot ``"contact"`` in the parameters
-    of ``plan.phases``, as of ``solvers.PlanPhase``.
+    of ``plan.phases``, as of ``solvers.PlanPhase``, up to the first phase without this slot.
 
     Args:
         low: the low level.
@@ -35,10 +36,8 @@ def planned_contacts(low: Any, plan: Any = None) -> Callable[[float], Array] | N
         contacts = getattr(each, "contacts", None)
         if callable(contacts):
             return lambda t: np.asarray(contacts(t), dtype=float)
-    phases = getattr(plan, "phases", None)
-    if phases and all("contact" in phase.mode.layout.slots for phase in phases):
-        return _Table(phases)
-    return None
+    phases = list(takewhile(lambda phase: "contact" in phase.mode.layout.slots, getattr(plan, "phases", ())))
+    return _Table(phases) if phases else None
 
 
 class _Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from piaffe.ocp import Manifold, rotation
 
 from .contacts import Touchdown, touchdowns
 from .tracking import Tracking, heading, in_heading, tracked
+from .wall_clock import Deadlines
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,7 @@ class OnlineEpisode:
         fault: why the episode ended before its time; empty if it did not.
         least_force: a foot with at least this normal force is on the ground [N].
         fallbacks: number of ticks whose program had no solution. damped: of ticks with numbers that were not finite.
+        deadlines: those of an episode against the real clock; else None.
     """
 
     robot: Robot
@@ -93,6 +95,7 @@ class OnlineEpisode:
     least_force: float
     fallbacks: int
     damped: int
+    deadlines: Deadlines | None = None
 
     @property
     def fell(self) -> bool:
@@ -165,6 +168,7 @@ class OnlineEpisode:
             "end_s": self.end, "seconds": self.seconds, "ticks": len(self.times), "plans": len(self.plans.times),
             "fallbacks": self.fallbacks, "damped": self.damped, "collisions": dict(self.collisions),
             "touchdowns": len(self.touchdowns), "touchdowns_without": len(self.touchdowns) - len(late),
+            "deadlines": None if self.deadlines is None else asdict(self.deadlines),
             "plan_statuses": {name: self.plans.statuses.count(name) for name in dict.fromkeys(self.plans.statuses)},
         }  # fmt: skip
         figures = {

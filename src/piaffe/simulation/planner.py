@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
@@ -38,10 +38,11 @@ class Planner(Protocol):
 class LowLevelLike(Protocol):
     """A low level, such as those of ``piaffe.solvers``.
 
-    If it has ``last.iterations``, ``fallbacks`` and ``damped``, an episode records them.
+    If it has ``last.iterations``, ``fallbacks`` and ``damped``, an episode records them. If ``measures_contacts`` is
+    true, ``control`` gets the feet that are on the ground by their force as a third argument, 1 or 0, (nf,).
     """
 
-    def control(self, x: ArrayLike, t: float) -> Array:
+    def control(self, x: Array, t: float) -> Array:
         """Return the torques of a state (nx,) at time t [s], (nu,) [Nm]."""
         ...
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from piaffe.models.terrain import Terrain
 
 from .actuators import Actuators, Drive
 from .adjust import add_payload, finish, scale_masses, set_joints
+from .mjcf import scene_of_file
 from .numbers import finite_number
 from .policy_run import torque_plant
 from .scene import Scene, forbid, scene_of
@@ -61,6 +63,59 @@ class Plant:
         model = torque_plant(robot, timestep=timestep, friction=friction, ground=terrain)
         self._finish(scene_of(model), robot.torque_limit, payload, mass_scale, actuators, noise)
 
+    @classmethod
+    def from_mjcf(
+        cls,
+        path: str | Path,
+        robot: Robot,
+        *,
+        joints: Mapping[str, str] | None = None,
+        feet: Mapping[str, str] | None = None,
+        timestep: float = 1e-3,
+        friction: float | None = None,
+        terrain: Terrain | None = None,
+        payload: Payload | None = None,
+        mass_scale: float | Mapping[str, float] = 1.0,
+        actuators: Actuators | None = None,
+        noise: SensorNoise | None = None,
+        tolerance: float = 0.02,
+    ) -> Plant:
+        """Return a plant from a MuJoCo model of the same robot with numbers of its own.
+
+        The file's joints may have another order and other names, its robot needs a free joint. Torques act on the
+        joints directly: the file's actuators do not act, but their limits of force hold, and those of its joints. What
+        the file has of masses, armature, damping, dry friction, contacts and solver counts, unless it is given here.
+
+        Args:
+            path: the file.
+            robot: the robot for which plans are made.
+            joints: from the robot's joints to those of the file, as ``{"FL_hip_joint": "fl.hx"}``; joints that are left
+                out have the same name.
+            feet: from the robot's feet to geoms, sites or bodies of the file; a foot that is left out has its name or
+                that of its frame. For a site, the geom of its body that collides and is nearest to it counts.
+            timestep: of the simulator [s], at most 2 ms.
+            friction: sliding friction coefficient of all geoms; by default the file's.
+            terrain: the ground, for a file without one; level at z = 0 by default.
+            payload: a mass on the base.
+            mass_scale: factor of masses and inertias, or one for each named body of the file.
+            actuators: numbers of the joints in place of the file's.
+            noise: standard deviations of the sensors.
+            tolerance: largest distance between joints and feet of the file and those of the robot [m].
+
+        Raises:
+            ModelError: the file cannot be read, joints are missing or are not where the robot's are, or a number is out
+                of range.
+            UnknownNameError: there is no such joint, foot or body.
+        """
+        check(timestep, 0.0 if friction is None else friction)
+        scene, limit = scene_of_file(
+            path, robot, joints=joints, feet=feet, timestep=timestep, friction=friction, terrain=terrain,
+            tolerance=tolerance,
+        )  # fmt: skip
+        plant = cls.__new__(cls)
+        plant._finish(scene, limit, payload, mass_scale, actuators, noise)
+        return plant
+
     def _finish(
         self,
         scene: Scene,
@@ -74,7 +129,9 @@ class Plant:
         self.robot, self.actuators = scene.robot, actuators or Actuators()
         self.noise = noise or SensorNoise()
         self.scene = Scene(**{**vars(scene), "direct": True})
-        self.space = torque_plant(scene.robot).state
+        self.model = torque_plant(scene.robot)
+        """The robot without the plant's changes, for random starts: ``Perturbation().around(plant.model, x, seed)``."""
+        self.space = self.model.state
         forbid(self.scene.compiled, "ACTUATION")
         scale_masses(self.scene, mass_scale)
         if payload is not None:
