@@ -64,7 +64,10 @@ def everything(*given: ocp.ModelBase) -> ocp.Objective:
 
 @cache
 def robot(name: str) -> models.Robot:
-    return models.load(name)
+    """Return a robot with rotors, damping and dry friction, so that no derivative of them is zero."""
+    damping, friction = np.tile([0.05, 0.1, 0.2], 4), np.tile([0.2, 0.4, 1.0], 4)
+    loaded = models.load(name, joint_damping=damping, joint_friction=friction)
+    return replace(loaded, armature=np.tile([0.002, 0.005, 0.01], 4))
 
 
 def hop(feet: tuple[str, ...]) -> ocp.Motion:
