@@ -226,7 +226,7 @@ def in_the_air(robot: Robot, dt: float) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_acceleration_of_moving_joints_is_mujoco_s(name: str) -> None:
-    robot = lossy(name)
+    robot = lossy(name, scale=0.1)
     body, model, rng = WholeBody(robot, friction_speed=1e-5), in_the_air(robot, 1e-5), np.random.default_rng(4)
     model.dof_solref[:] = (1e-4, 1.0)  # a joint slides unless friction can stop it in this time
     data = mujoco.MjData(model)
