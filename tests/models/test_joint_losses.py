@@ -226,12 +226,12 @@ def in_the_air(robot: Robot, dt: float) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_acceleration_of_moving_joints_is_mujoco_s(name: str) -> None:
-    robot = lossy(name, scale=0.1)
+    robot = lossy(name)
     body, model, rng = WholeBody(robot, friction_speed=1e-5), in_the_air(robot, 1e-5), np.random.default_rng(4)
     model.dof_solref[:] = (1e-4, 1.0)  # a joint slides unless friction can stop it in this time
     data = mujoco.MjData(model)
     for _ in range(5):
-        x, u = random_state(body, rng), rng.normal(size=12) * np.minimum(robot.torque_limit, 2.0)
+        x, u = random_state(body, rng), rng.uniform(-1, 1, 12) * np.minimum(robot.torque_limit, 2.0)
         x[-12:] += 3.0 * np.sign(x[-12:])
         data.qpos[:], data.qvel[:], data.ctrl[:] = x[: body.nq], x[body.nq :], u
         mujoco.mj_forward(model, data)
