@@ -1,4 +1,4 @@
-"""Numerical evaluation of the whole-body model: NumPy arrays in and out, through cached CasADi functions."""
+"""Sizes and numerical evaluation of the whole-body model: NumPy arrays in and out, through cached CasADi functions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LARGEST_GAMMA = 200.0  # [1/s]: at smaller steps the error of a step is so smal
 
 
 class NumericWholeBody(LeggedModel):
-    """Numerical evaluation of a :class:`WholeBody`.
+    """Sizes and numerical evaluation of a :class:`WholeBody`.
 
     In every method, ``feet`` names the feet on the ground, for example ``"FL HR"``, and ``parameters`` are values of
     slots by name. Velocity v and acceleration a have the layout of the state: world linear, body angular, joints.
@@ -35,6 +35,32 @@ class NumericWholeBody(LeggedModel):
     tree: Tree
     contacts: tuple[Point, ...]
     _baumgarte: float | None
+
+    # ---- sizes
+
+    @property
+    def nq(self) -> int:
+        """Number of stored positions; one more than ``nv``, because of the quaternion."""
+        return self.tree.nv + 1
+
+    @property
+    def nv(self) -> int:
+        """Number of velocities."""
+        return self.tree.nv
+
+    def implicit_size(self, key: str) -> int:
+        """Return nv + 3 nf: acceleration and contact forces."""
+        return self.nv + 3 * self.num_feet
+
+    def reset_size(self, key: str) -> int:
+        """Return nv + 3 nf: velocity after an impact, and its impulses."""
+        return self.nv + 3 * self.num_feet
+
+    def definite_size(self, key: str) -> int:
+        """Return nv, the size of the mass matrix, which is positive definite."""
+        return self.nv
+
+    # ---- values
 
     def acceleration(self, x: ArrayLike, u: ArrayLike, feet: Contacts, **parameters: Any) -> Array:
         """Return dv/dt, (nv,)."""
@@ -78,7 +104,7 @@ class NumericWholeBody(LeggedModel):
         return self._call("mass_matrix", x, **parameters)
 
     def bias(self, x: ArrayLike, **parameters: Any) -> Array:
-        """Return n, the Coriolis, centrifugal and gravity terms as a generalised force, (nv,)."""
+        """Return n, the Coriolis, centrifugal and gravity terms as a generalised force, without losses, (nv,)."""
         return self._call("bias", x, **parameters).ravel()
 
     def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:

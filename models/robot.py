@@ -60,6 +60,8 @@ class Robot:
         urdf: the file that it was read from, if any; the visual geometry comes from it.
         package_dirs: folders in which ``package://`` meshes are searched.
         recipe: how it was loaded, for files: see :mod:`piaffe.models.robots`; empty for a robot built by hand.
+        joint_damping: viscous damping of the joints, (n,) [Nm s/rad]; zero if it is left out.
+        joint_friction: dry friction of the joints, (n,) [Nm]; zero if it is left out.
     """
 
     name: str
@@ -76,6 +78,8 @@ class Robot:
     urdf: Path | None = None
     package_dirs: tuple[str, ...] = field(default=(), repr=False)
     recipe: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    joint_damping: Array = field(default_factory=lambda: np.zeros(0))
+    joint_friction: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         _check_joints(self.name, self.model, self.joint_names)
@@ -88,6 +92,8 @@ class Robot:
             )
         for key in ("torque_limit", "joint_lower", "joint_upper", "joint_speed_limit", "armature"):
             self._check_size(key, getattr(self, key))
+        for key in ("joint_damping", "joint_friction"):
+            self._check_losses(key)
         for key, angles in self.poses.items():
             self._check_size(f"pose '{key}'", angles)
 
@@ -217,6 +223,19 @@ class Robot:
         pinocchio.framesForwardKinematics(self.model, data, q)
         lowest = min(float(data.oMf[self.frame_id(foot.frame)].translation[2]) for foot in self.feet)
         return self.foot_radius - lowest
+
+    def _check_losses(self, key: str) -> None:
+        """Write zeros where nothing was given; raise unless there is one finite number ≥ 0 per joint."""
+        values: Array = np.asarray(getattr(self, key), dtype=float)
+        if values.shape == (0,):
+            object.__setattr__(self, key, np.zeros(self.num_joints))
+            return
+        self._check_size(key, values)
+        if not np.all(np.isfinite(values) & (values >= 0)):
+            raise ModelError(
+                f"robot '{self.name}': {key} is out of range - got {values.tolist()}, expected finite numbers ≥ 0, "
+                f"one per joint [{'Nm s/rad' if key == 'joint_damping' else 'Nm'}]; change them"
+            )
 
     def _check_size(self, what: str, values: Any) -> None:
         shape = np.shape(values)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from piaffe.errors import ModelError
 
 from ..mujoco_import import import_mujoco
@@ -71,11 +73,15 @@ class SoftContact:
         option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{self.integrator.upper()}")
         option.impratio = self.stick
         option.iterations, option.ls_iterations = self.iterations, self.line_search
-        flags = (
-            off.mjDSBL_EQUALITY, off.mjDSBL_FRICTIONLOSS, off.mjDSBL_SPRING, off.mjDSBL_DAMPER, off.mjDSBL_EULERDAMP,
+        flags = [
+            off.mjDSBL_EQUALITY, off.mjDSBL_SPRING,
             off.mjDSBL_SENSOR, off.mjDSBL_AUTORESET, off.mjDSBL_ISLAND, off.mjDSBL_FILTERPARENT, off.mjDSBL_MIDPHASE,
             off.mjDSBL_NATIVECCD, off.mjDSBL_MULTICCD,
-        )  # fmt: skip
+        ]  # fmt: skip
+        if not any(np.any(joint.damping) for joint in spec.joints):
+            flags += [off.mjDSBL_DAMPER, off.mjDSBL_EULERDAMP]
+        if not any(joint.frictionloss for joint in spec.joints):
+            flags.append(off.mjDSBL_FRICTIONLOSS)
         for flag in flags if self.warm_start else (*flags, off.mjDSBL_WARMSTART):
             option.disableflags |= int(flag)
 

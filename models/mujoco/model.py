@@ -16,12 +16,13 @@ from piaffe.ocp import Block, Dynamics, Manifold, Node, Quantities, Quantity, is
 from ..bindings import bind_motion, frame_points
 from ..kinematics import Kinematics
 from ..legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel
+from ..per_joint import per_joint
 from ..quantities import feet, joints
 from ..recursions import Recursion
 from ..robot import Robot, require_robot
 from ..terrain import Flat, Terrain
 from ..tree import Tree
-from .action import Action, BoundAction, joint_targets, per_joint
+from .action import Action, BoundAction, joint_targets
 from .contact import SoftContact, declare_pairs
 from .payload import Payload
 from .scene import compile_spec, mujoco_spec
@@ -56,7 +57,7 @@ class Mujoco(LeggedModel):
     because they are unknown before a step. Solvers that need derivatives raise an error for this model.
 
     Args:
-        robot: the robot.
+        robot: the robot; its joints have its damping and dry friction.
         terrain: the ground, see :mod:`piaffe.models.terrain`.
         timestep: of the simulator [s].
         substeps: steps of the simulator per step of the schedule; ``dt`` is the product of both.

@@ -169,7 +169,9 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
             type=mujoco.mjtJoint.mjJNT_HINGE if turns else mujoco.mjtJoint.mjJNT_SLIDE,
             axis=subspace[3:] if turns else subspace[:3],
             armature=robot.armature[i],
+            frictionloss=robot.joint_friction[i],
         )
+        joint.damping[0] = robot.joint_damping[i]
         lower, upper = robot.joint_lower[i], robot.joint_upper[i]
         if joint_limits and (np.isfinite(lower) or np.isfinite(upper)):
             joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError
 
 from ..kinematics import Kinematics
+from ..per_joint import per_joint
 from ..robot import ROOT, Foot, Robot
 from .description import build_model, leaf_frames, locate
 from .feet import feet_of_known, feet_with_roles
@@ -29,6 +31,8 @@ def load(
     feet: str | Sequence[str] | Sequence[Foot] | Mapping[str, str] | None = None,
     foot_radius: float | None = None,
     rotors: bool = False,
+    joint_damping: Any = 0.0,
+    joint_friction: Any = 0.0,
     poses: Mapping[str, object] | None = None,
     name: str | None = None,
 ) -> Robot:
@@ -41,12 +45,17 @@ def load(
             from where the feet are.
         foot_radius: radius of the foot's ball [m]; a known robot has its own, others 0.
         rotors: add the masses of the rotors where the links lack them, and their reflected inertia.
+        joint_damping: viscous damping of the joints [Nm s/rad]: one number, n numbers or a mapping from labels that
+            names every joint, ``{"HAA": 0.1, "HFE": 0.1, "KFE": 0.2}``. The URDF's ``<dynamics>`` is not used, because
+            it often holds placeholders.
+        joint_friction: dry friction of the joints [Nm], as ``joint_damping``.
         poses: named joint angles [rad], added to those that are known. Without ``"stand"`` and ``"crouch"`` a URDF file
             gets poses with the feet below their places at zero angles, legs at 3/4 and 1/2 of their reach.
         name: the robot's name; by default the known name or that in the file.
 
     Raises:
-        ModelError: the URDF cannot be read, no feet are given for it, or rotors are asked for that are not known.
+        ModelError: the URDF cannot be read, no feet are given for it, or rotors are asked for that are not known,
+            or a number of damping or friction is missing or negative.
         UnknownNameError: there is no such robot, or no such frame of a foot.
     """
     if isinstance(feet, str):
@@ -80,7 +89,9 @@ def load(
         recipe={"rotors": rotors, **({"load": str(name_or_urdf_path)} if known else {"urdf": urdf.read_text()})},
         **limits,
     )
-    robot = with_poses(robot, poses or {})
+    losses = {"joint_damping": joint_damping, "joint_friction": joint_friction}
+    losses = {key: per_joint(robot, f"models.load, {key}", value) for key, value in losses.items()}
+    robot = with_poses(replace(robot, **losses), poses or {})
     if known is None:
         legs = Kinematics(robot)
         drawn = {"stand": 0.75, "crouch": 0.5}

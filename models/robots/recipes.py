@@ -19,6 +19,7 @@ from .load import load
 Array = NDArray[np.float64]
 
 _LIMITS = ("torque_limit", "joint_lower", "joint_upper", "joint_speed_limit", "armature")
+_LOSSES = ("joint_damping", "joint_friction")  # recipes of earlier versions have none
 
 
 def robot_recipe(robot: Robot) -> dict[str, Any]:
@@ -35,7 +36,7 @@ def robot_recipe(robot: Robot) -> dict[str, Any]:
         "foot_radius": robot.foot_radius,
         "package_dirs": list(robot.package_dirs) if "urdf" in robot.recipe else [],
         "poses": {name: np.asarray(angles).tolist() for name, angles in robot.poses.items()},
-        **{name: [float(v) if np.isfinite(v) else None for v in getattr(robot, name)] for name in _LIMITS},
+        **{name: [float(v) if np.isfinite(v) else None for v in getattr(robot, name)] for name in (*_LIMITS, *_LOSSES)},
     }
 
 
@@ -72,5 +73,5 @@ def _limits(stored: Mapping[str, Any]) -> dict[str, Any]:
     missing = dict.fromkeys(_LIMITS, np.inf) | {"joint_lower": -np.inf}
     return {
         name: np.array([missing[name] if value is None else value for value in stored[name]], dtype=float)
-        for name in _LIMITS
+        for name in (*_LIMITS, *(name for name in _LOSSES if name in stored))
     }

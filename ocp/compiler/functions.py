@@ -12,8 +12,28 @@ _SMOOTH = {
 
 
 def is_smooth(function: cs.Function) -> bool:
-    """Return whether a function's derivatives are finite wherever its values are."""
-    return all(function.instruction_id(k) in _SMOOTH for k in range(function.n_instructions()))
+    """Return whether a function's derivatives are finite wherever its values are.
+
+    A square root counts if its value is only divided by: where its derivative is infinite, the quotient is, too.
+    """
+    operations = [function.instruction_id(k) for k in range(function.n_instructions())]
+    return all(
+        operation in _SMOOTH or (operation == cs.OP_SQRT and _is_only_divided_by(function, operations, k))
+        for k, operation in enumerate(operations)
+    )
+
+
+def _is_only_divided_by(function: cs.Function, operations: list[int], k: int) -> bool:
+    """Return whether all instructions that read the result of instruction k divide by it."""
+    register = function.instruction_output(k)[0]
+    for j, operation in enumerate(operations[k + 1 :], start=k + 1):
+        read = [] if operation in (cs.OP_INPUT, cs.OP_CONST) else function.instruction_input(j)
+        divides = operation == cs.OP_INV or (operation == cs.OP_DIV and read[0] != register)
+        if register in read and not divides:
+            return False
+        if operation != cs.OP_OUTPUT and register in function.instruction_output(j):
+            return True
+    return True
 
 
 def make_function(name: str, inputs: dict[str, cs.SX], columns: dict[str, cs.SX]) -> cs.Function:

@@ -65,6 +65,7 @@ def fingerprint(nodes: Nodes, reward: Reward, options: Options, inputs: ValueInp
         "robot": robot_entry(model.robot) if hasattr(model, "robot") else {"name": model.name},
         "step": nodes.dt,
         "armature": plain(getattr(model, "simulated", model.robot).armature) if hasattr(model, "robot") else None,
+        **_losses(getattr(model, "robot", None)),
         "action": plain(getattr(model, "action", None)),
         "terrain": plain(getattr(model, "terrain", None)),
         "payload": plain(getattr(model, "payload", None)),
@@ -135,6 +136,12 @@ def plain(value: Any) -> Any:
         f"fingerprint: a value has no numbers to compare - got {value!r}, expected numbers, strings or frozen "
         "dataclasses of these; make it one of these"
     )
+
+
+def _losses(robot: Robot | None) -> Entries:
+    """Return damping and dry friction of the joints where there are any, so that files of robots without stay valid."""
+    fields = () if robot is None else ("joint_damping", "joint_friction")
+    return {name: plain(getattr(robot, name)) for name in fields if np.any(getattr(robot, name))}
 
 
 def robot_entry(robot: Robot) -> Entries:

@@ -36,6 +36,24 @@ def test_joints_actuators_and_limits_are_in_state_order(robot):
     assert not model.dof_frictionloss.any()
 
 
+def test_damping_and_dry_friction_are_the_robot_s():
+    damping, friction = np.tile([0.1, 0.2, 0.3], 4), np.tile([0.5, 0.6, 0.7], 4)
+    robot = models.load("go2", joint_damping=damping, joint_friction=friction)
+    off = mujoco.mjtDisableBit
+    unused = off.mjDSBL_FRICTIONLOSS | off.mjDSBL_DAMPER | off.mjDSBL_EULERDAMP
+    plant = models.Mujoco(robot)
+    for model in (mujoco_model(robot, visuals=False), plant.compiled(), plant.as_plant().compiled()):
+        assert model.dof_damping[6:] == pytest.approx(damping)
+        assert model.dof_frictionloss[6:] == pytest.approx(friction)
+        assert not model.dof_damping[:6].any()
+        assert not model.dof_frictionloss[:6].any()
+        assert not model.opt.disableflags & int(unused)
+    damped = models.load("go2", joint_damping=0.1)
+    flags = models.Mujoco(damped).compiled().opt.disableflags
+    assert flags & int(unused) == int(off.mjDSBL_FRICTIONLOSS)
+    assert models.Mujoco(models.load("go2")).compiled().opt.disableflags & int(unused) == int(unused)
+
+
 def test_every_inertial_is_that_of_the_pinocchio_model(robot):
     model = mujoco_model(robot, visuals=True, meshes=False)
     assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-12)

@@ -1,5 +1,6 @@
 """Robots: their numbers, names, poses, and the messages when something is asked that they lack."""
 
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -96,6 +97,24 @@ def test_rotors_add_their_masses_and_reflected_inertia():
     assert robot.model.armature[6:] == pytest.approx(robot.armature)
     with pytest.raises(ModelError, match=r"got rotors=True, expected one of \['mini_cheetah', 'solo12'\]"):
         models.load("go2", rotors=True)
+
+
+def test_damping_and_friction_are_numbers_per_joint_and_zero_by_default(cheetah):
+    assert cheetah.joint_damping.tolist() == cheetah.joint_friction.tolist() == [0.0] * 12
+    robot = models.load(
+        "go2", joint_damping={"hip_joint": 0.1, "thigh_joint": 0.2, "calf_joint": 0.3}, joint_friction=0.5
+    )
+    assert robot.joint_damping == pytest.approx(np.tile([0.1, 0.2, 0.3], 4))
+    assert robot.joint_friction == pytest.approx(np.full(12, 0.5))
+    assert replace(robot, foot_radius=0.0).joint_damping is robot.joint_damping
+    with pytest.raises(ModelError, match=r"models\.load, joint_damping of 'go2': no number for joint 'FL_hip_joint'"):
+        models.load("go2", joint_damping={"thigh_joint": 0.2})
+    with pytest.raises(ModelError, match=r"models\.load, joint_friction of 'go2': no number for joint .* got -0.1"):
+        models.load("go2", joint_friction=-0.1)
+    with pytest.raises(ModelError, match=r"robot 'go2': joint_damping is out of range - got .* per joint \[Nm s/rad\]"):
+        replace(robot, joint_damping=np.full(12, np.inf))
+    with pytest.raises(ShapeError, match=r"robot 'go2', joint_friction: wrong size - got 3 entries, expected 12"):
+        replace(robot, joint_friction=np.ones(3))
 
 
 def test_pose_takes_a_name_numbers_or_labels(cheetah):

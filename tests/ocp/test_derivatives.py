@@ -12,6 +12,7 @@ from piaffe import models, ocp
 from piaffe.errors import ProblemError
 from piaffe.models import constraints, stance
 from piaffe.ocp.compiler.compiled import CompiledProblem
+from piaffe.ocp.compiler.functions import is_smooth
 from piaffe.ocp.compiler.vectorised import Vectorised
 from piaffe.ocp.reports.derivative_check import DerivativeCheck, check_derivatives
 from tests.robots import ROBOTS
@@ -64,7 +65,10 @@ def everything(*given: ocp.ModelBase) -> ocp.Objective:
 
 @cache
 def robot(name: str) -> models.Robot:
-    return models.load(name)
+    """Return a robot with rotors, damping and dry friction, so that no derivative of them is zero."""
+    damping, friction = np.tile([0.05, 0.1, 0.2], 4), np.tile([0.2, 0.4, 1.0], 4)
+    loaded = models.load(name, joint_damping=damping, joint_friction=friction)
+    return replace(loaded, armature=np.tile([0.002, 0.005, 0.01], 4))
 
 
 def hop(feet: tuple[str, ...]) -> ocp.Motion:
@@ -265,6 +269,18 @@ def test_at_the_guess_derivatives_are_left_out_only_of_a_smooth_implicit_part(na
     every[0][:, :, by_state] = 0.0
     for all_of_it, kept in zip(every, some, strict=True):
         np.testing.assert_allclose(kept, all_of_it, rtol=1e-12, atol=1e-12)
+
+
+def test_a_square_root_is_smooth_if_it_is_only_divided_by() -> None:
+    x, y = cs.SX.sym("x"), cs.SX.sym("y")
+    root = cs.sqrt(x)
+    divided, others = (
+        (1 / root, y / root, (y + 1 / root) * (2 / root)),
+        (root, root / y, root + y / root, y / (1 + root)),
+    )
+    assert [is_smooth(cs.Function("f", [x, y], [each])) for each in divided] == [True] * 3
+    assert [is_smooth(cs.Function("f", [x, y], [each])) for each in others] == [False] * 4
+    assert not is_smooth(cs.Function("f", [x, y], [cs.fabs(x) * y]))
 
 
 def spoilt(problem: CompiledProblem, output: str) -> CompiledProblem:

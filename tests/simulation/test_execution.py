@@ -194,6 +194,7 @@ def test_the_robot_is_the_problems() -> None:
     changed = problem().with_parameters({
         "solo12.gravity": (0.4, 0.0, -1.62), "solo12.link_mass": mass, "solo12.link_com": com,
         "solo12.link_inertia": 2 * BODY.tree.inertia.ravel(), "solo12.armature": np.full(12, 0.02),
+        "solo12.joint_damping": np.full(12, 0.03), "solo12.joint_friction": np.full(12, 0.04),
     })  # fmt: skip
     heavy = models.WholeBody(declared_robot(changed))
     np.testing.assert_array_equal(heavy.robot.model.gravity.linear, (0.4, 0.0, -1.62))
@@ -201,6 +202,8 @@ def test_the_robot_is_the_problems() -> None:
     np.testing.assert_allclose(heavy.tree.com.ravel(), com, rtol=1e-12)
     np.testing.assert_allclose(heavy.tree.inertia, 2 * BODY.tree.inertia, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(heavy.robot.armature, np.full(12, 0.02))
+    np.testing.assert_array_equal(heavy.robot.joint_damping, np.full(12, 0.03))
+    np.testing.assert_array_equal(heavy.robot.joint_friction, np.full(12, 0.04))
     same = models.WholeBody(declared_robot(problem()))
     np.testing.assert_allclose(same.tree.inertia, BODY.tree.inertia, rtol=1e-12, atol=1e-15)
     assert ROBOT.mass == pytest.approx(BODY.tree.mass.sum())  # the robot itself is as it was

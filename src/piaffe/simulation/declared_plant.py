@@ -15,9 +15,11 @@ from piaffe.ocp import CompiledProblem
 
 Array = NDArray[np.float64]
 
+_OF_JOINTS = ("armature", "joint_damping", "joint_friction")
+
 
 def declared_robot(compiled: CompiledProblem) -> Robot:
-    """Return the robot with the gravity, masses and inertias that the problem gives its model at the start.
+    """Return the robot with gravity, links, rotors and losses of joints as the problem gives its model at the start.
 
     Raises:
         ModelError: the problem does not begin with a whole body.
@@ -29,7 +31,7 @@ def declared_robot(compiled: CompiledProblem) -> Robot:
             "models.WholeBody; only torques can be played"
         )
     robot: Robot = model.robot
-    numbers = {name: _number(compiled, name) for name in ("gravity", "armature", "foot_radius")}
+    numbers = {name: _number(compiled, name) for name in ("gravity", "foot_radius", *_OF_JOINTS)}
     changed = robot.model.copy()
     changed.gravity = pin.Motion(numbers["gravity"], np.zeros(3))
     mass, com, inertia = (
@@ -37,9 +39,8 @@ def declared_robot(compiled: CompiledProblem) -> Robot:
     )
     for i, (m, c, (xx, yy, zz, xy, xz, yz)) in enumerate(zip(mass[:, 0], com, inertia, strict=True), start=1):
         changed.inertias[i] = pin.Inertia(float(m), c, np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-    return replace(
-        robot, model=changed, armature=numbers["armature"], foot_radius=float(numbers["foot_radius"][0])
-    )  # fmt: skip
+    of_joints: dict[str, Any] = {name: numbers[name] for name in _OF_JOINTS}
+    return replace(robot, model=changed, foot_radius=float(numbers["foot_radius"][0]), **of_joints)
 
 
 def declared_ground(compiled: CompiledProblem) -> terrain.Terrain:
