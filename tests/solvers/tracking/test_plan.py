@@ -9,9 +9,9 @@ import pytest
 
 from piaffe import ocp
 from piaffe.errors import ShapeError, SolverError
-from piaffe.solvers import FeedforwardPD, JointPD, Riccati, Vwbc
+from piaffe.solvers import FeedforwardPD, JointPD, MeasuredContacts, MSiLQR, Riccati, SolvedPlan, Vwbc
 from piaffe.solvers.tracking import PlanMemory, modes_of, stage_at
-from tests.problems import bouncing_ball, swing_up
+from tests.problems import Rope, bouncing_ball, rope, swing_up
 from tests.solvers.tracking.test_native import compare, pair
 from tests.solvers.tracking.test_tracking import OneStage, bounded, plan_of, pushed, standing
 
@@ -73,22 +73,28 @@ def test_a_followed_plan_is_referred_to_and_kept_alive():
     assert np.abs(controller.control(state, 0.0) - expected).max() > 1e-4
 
 
-def test_arrays_in_another_order_or_type_are_copied():
+def test_arrays_in_another_order_or_type_are_copied_and_kept():
     _, compiled, x, u = standing()
-    plan, state = OneStage(compiled, x, u), pushed(compiled, x, 0.05)
-    phase, expected = plan.phases[0], Vwbc(plan).control(state, 0.0)
-    turned = np.asfortranarray(phase.Q_ux[0])[None]
-    assert not turned.flags.c_contiguous
+    plan = OneStage(compiled, x, u.astype(np.float32).astype(float))
+    phase, state = plan.phases[0], pushed(compiled, x, 0.05)
+    expected, controller = Vwbc(plan).control(state, 0.0), Vwbc(plan)
+    spread = np.zeros((1, 12, 72))
+    spread[..., ::2] = phase.feedback
     fixed = phase.Q_uu.copy()
     fixed.flags.writeable = False
-    spread = np.zeros((2, 24))
-    spread[:, ::2] = phase.controls
-    masks = phase.g_mask.astype(np.float32)
-    controller = Vwbc(plan)
-    controller.follow(changed(plan, Q_ux=turned, Q_uu=fixed, controls=spread[:1, ::2], g_mask=masks))
-    del turned, fixed, spread, masks
+    given = {
+        "Q_ux": np.asfortranarray(phase.Q_ux[0])[None], "feedback": spread[..., ::2], "Q_uu": fixed,
+        "controls": phase.controls.astype(np.float32), "Q_u": np.zeros((1, 12), np.int8),
+    }  # fmt: skip
+    assert not given["Q_ux"].flags.c_contiguous
+    controller.follow(changed(plan, **given))
+    given.clear()
+    del spread, fixed
+    controller.plan = plan  # the memory alone keeps what it refers to
     gc.collect()
+    filled = [np.full(size, np.nan) for size in (12, 24, 144, 432, 864) for _ in range(200)]  # takes what was freed
     np.testing.assert_array_equal(controller.control(state, 0.0), expected)
+    assert len(filled) == 1000
 
 
 @pytest.mark.parametrize("name", ARRAYS[:-1])
@@ -191,6 +197,47 @@ def test_two_models_of_one_size_share_a_low_level():
     assert twins[0].control([-3.0, 0.0], end) == pytest.approx([4.0])
     assert twins[0].last.active == ("motor lower",)
     assert twins[0].control([-3.0, 1.0], end) == pytest.approx([3.0])
+
+
+class OtherRope(Rope):
+    """A rope whose slots lie in another order."""
+
+    def __init__(self):
+        base = Rope()
+        ocp.ModelBase.__init__(self, "other rope", base.state, base.control, slots=base.slots[::-1])
+
+
+def swinging(model, *extra):
+    """The problem of ``tests.problems.rope`` with another model and further terms."""
+    made = rope()
+    objective = ocp.Objective(made.objective, *extra)
+    return ocp.Problem(made.motion, model.until_end(dt=0.02), objective, made.constraints, initial=made.initial)
+
+
+def test_models_may_have_other_parameters_in_other_places():
+    """Contacts are those of a rope: its slot "taut" flags the tension."""
+    problems = swinging(Rope()), swinging(OtherRope(), ocp.track("speed", 0.01), ocp.track("place", 0.1, at="end"))
+    compiled = [ocp.compile_problem(problem) for problem in problems]
+    plans = [SolvedPlan(MSiLQR(each, backend="numpy").solve(), each) for each in compiled]
+    plan, rng = Joined(*plans), np.random.default_rng(0)
+    modes = modes_of(plan)
+    assert len({mode.layout.size for mode in modes}) == len({mode.layout.slots["taut"].start for mode in modes}) == 2
+    gains = JointPD(2.0, 0.1, 3.0, (-1, 0))
+    settings = MeasuredContacts(0.01, 0.02, 0.1, 0.05)
+    twins = pair(plan, contacts=settings, contact_slot="taut", gains=gains, slots={"mass": 2.5})
+    t, flag, end = 0.0, 1.0, plan.phases[-1].times[-1]
+    differs = 0
+    while t < end:
+        t += rng.choice([0.0, 0.005, 0.01])
+        flag = 1 - flag if rng.random() < 0.2 else flag
+        compare(twins, stage_at(plan, t).x + 0.1 * rng.standard_normal(4), t, (flag,))
+        np.testing.assert_array_equal(twins[0].in_contact, twins[1].in_contact)
+        differs += twins[0].in_contact[0] != twins[0].contacts(t)[0]
+    assert differs > 20
+    for each in twins:
+        each.measure({"mass": 1.0})
+    for t in (0.2, 0.8, 1.2, 1.8):
+        compare(twins, stage_at(plan, t).x, t, (1.0,))
 
 
 def test_models_with_gains_must_all_have_the_joints():
