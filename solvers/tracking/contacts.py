@@ -24,14 +24,15 @@ Array = NDArray[np.float64]
 class MeasuredContacts:
     """How measured contact flags change the scheduled ones.
 
-    A point touches once its flag has been 1 for ``debounce``; it has left once its flag has been 0 for ``leave``.
-    In the plan's stance it is in contact from its first touch on, not before; after ``late`` without a touch the
-    schedule holds. In the plan's swing it is in contact if it touches within ``early`` before the plan's touchdown.
-    At the plan's lift-off it leaves, whatever is measured.
+    A point touches once its flag has been 1 for ``debounce``, and leaves once it has been 0 for as long; in the plan's
+    stance it leaves only after ``leave``, since feet bounce. In the plan's stance it is in contact from its touch on,
+    not before; if there is none for ``late``, the schedule holds. In the plan's swing it is in contact if it touches
+    within ``early`` before the plan's touchdown. At the plan's lift-off it leaves, whatever is measured.
 
     Args:
-        debounce: time for which a flag must be 1 [s]; 0 for a single reading.
-        leave: time for which a flag must be 0 [s]; infinite: a point that has touched stays until the plan's lift-off.
+        debounce: time for which a flag must stay [s]; 0 for a single reading.
+        leave: time for which a flag must be 0 in the plan's stance [s]; infinite: a point that has touched stays until
+            the plan's lift-off.
         early: largest time by which a touchdown may be early [s].
         late: largest time by which a touchdown may be late [s].
 
@@ -40,7 +41,7 @@ class MeasuredContacts:
     """
 
     debounce: float = 0.002
-    leave: float = np.inf
+    leave: float = 0.02
     early: float = 0.03
     late: float = np.inf
 
@@ -143,7 +144,7 @@ class ContactFilter:
                     self._due[i] = t
                 else:
                     self._on[i], self._since[i], self._due[i] = False, np.nan, np.nan
-            wait = settings.debounce if read[i] else settings.leave
+            wait = settings.leave if plan[i] and not read[i] else settings.debounce
             if read[i] == self._on[i]:
                 self._since[i] = np.nan
             else:

@@ -156,6 +156,27 @@ def test_feet_are_found_by_roles(cheetah):
         cheetah.foot("RL")
 
 
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_joint_knows_the_foot_that_it_moves(name):
+    robot = models.load(name)
+    q, data = pinocchio.neutral(robot.model), robot.model.createData()
+    pinocchio.computeJointJacobians(robot.model, data, q)
+    pinocchio.updateFramePlacements(robot.model, data)
+    for foot, each in enumerate(robot.feet):
+        jacobian = pinocchio.getFrameJacobian(
+            robot.model, data, robot.frame_id(each.frame), pinocchio.ReferenceFrame.WORLD
+        )
+        moves = np.abs(jacobian[:, 6:]).max(axis=0) > 1e-9
+        np.testing.assert_array_equal(moves, np.array(robot.foot_of_joint) == foot)
+
+
+def test_a_joint_that_moves_no_foot_or_several_has_none(cheetah):
+    fewer = replace(cheetah, feet=cheetah.feet[1:])
+    assert fewer.foot_of_joint == (-1, -1, -1, 0, 0, 0, 1, 1, 1, 2, 2, 2)
+    base, twice = cheetah.feet[0], replace(cheetah.feet[1], name="toe", frame=cheetah.feet[0].frame)
+    assert replace(cheetah, feet=(base, twice)).foot_of_joint == (-1,) * 12
+
+
 def test_robots_know_their_frames(cheetah):
     with pytest.raises(UnknownNameError, match=r"no frame 'FL_TOE' .* did you mean"):
         cheetah.frame_id("FL_TOE")

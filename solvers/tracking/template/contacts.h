@@ -30,7 +30,7 @@ static void merge_contacts(struct contacts *c, int num, double t, double *in_con
         if (read == c->on[i]) c->since[i] = NAN;
         else {
             if (isnan(c->since[i])) c->since[i] = t;
-            if (t - c->since[i] >= (read > 0.0 ? c->debounce : c->leave) - SAME_TIME) c->on[i] = read, c->since[i] = NAN;
+            if (t - c->since[i] >= (plan > read ? c->leave : c->debounce) - SAME_TIME) c->on[i] = read, c->since[i] = NAN;
         }
         if (t - c->due[i] >= c->late - SAME_TIME) c->on[i] = 1.0, c->since[i] = NAN;
         if (c->on[i] > 0.0) c->due[i] = NAN;

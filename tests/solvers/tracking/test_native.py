@@ -11,7 +11,7 @@ from piaffe.errors import SolverError
 from piaffe.solvers import JointPD, QpStatus, SolvedPlan, Vwbc
 from piaffe.solvers.tracking import native
 from tests.problems import bouncing_ball, swing_up
-from tests.solvers.tracking.test_tracking import OneStage, bounded, pushed, solved, standing
+from tests.solvers.tracking.test_tracking import OneStage, bounded, pushed, solved, standing, two_forces
 
 
 def pair(plan, **options):
@@ -20,9 +20,9 @@ def pair(plan, **options):
     return twins
 
 
-def compare(twins, x, t):
+def compare(twins, x, t, *contacts):
     compiled, readable = twins
-    u, expected = compiled.control(x, t), readable.control(x, t)
+    u, expected = compiled.control(x, t, *contacts), readable.control(x, t, *contacts)
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * (1 + np.abs(expected).max()))
     assert (compiled.last is None) == (readable.last is None)
     if readable.last is not None and np.isfinite(x).all():
@@ -70,21 +70,12 @@ def test_ticks_between_the_nodes_of_several_phases(make):
 
 
 def test_rows_that_are_not_affine_and_equalities():
-    def problem():
-        mass = ocp.Model(
-            "mass", state={"place": 1, "speed": 1}, control={"force": 2},
-            modes={"slide": lambda s: {"place": s.speed, "speed": s.force[0] + s.force[1]}},
-        )  # fmt: skip
-        motion = ocp.Motion(ocp.Phase("slide", "slide", 0.3, {"place": 1.0}))
-        objective = ocp.Objective(ocp.track("place", 20.0), ocp.regularize("force", (0.01, 0.05)))
-        limits = ocp.Constraints(
-            ocp.equality(lambda s: s.force[0] - 2 * s.force[1] - s.speed, name="share"),
-            ocp.inequality(lambda s: 9.0 - s.force[0] ** 2, lower=0.0, name="square"),
-            ocp.inequality(lambda s: s.force[1], upper=3.0, name="bound"),
-        )
-        return ocp.Problem(motion, mass.until_end(dt=0.05), objective, limits, initial=[0.0, 0.0])
-
-    compiled = ocp.compile_problem(problem())
+    problem = two_forces(
+        ocp.equality(lambda s: s.force[0] - 2 * s.force[1] - s.speed, name="share"),
+        ocp.inequality(lambda s: 9.0 - s.force[0] ** 2, lower=0.0, name="square"),
+        ocp.inequality(lambda s: s.force[1], upper=3.0, name="bound"),
+    )
+    compiled = ocp.compile_problem(problem)
     solution = solvers.MSiLQR(compiled, backend="numpy").solve().raise_if_failed()
     twins, rng = pair(SolvedPlan(solution, compiled)), np.random.default_rng(0)
     for t in rng.uniform(0.0, 0.3, 200):

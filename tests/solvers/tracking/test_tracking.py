@@ -45,6 +45,17 @@ def bounded():
     return slider(ocp.inequality(lambda s: s.force, lower=-30, upper=20, name="force limit", unit="N"))
 
 
+def two_forces(*limits):
+    """A mass on a rail under the sum of two forces moves by 1 m; its cost has one weight per force."""
+    mass = ocp.Model(
+        "mass", state={"place": 1, "speed": 1}, control={"force": 2},
+        modes={"slide": lambda s: {"place": s.speed, "speed": s.force[0] + s.force[1]}},
+    )  # fmt: skip
+    motion = ocp.Motion(ocp.Phase("slide", "slide", 0.3, {"place": 1.0}))
+    objective = ocp.Objective(ocp.track("place", 20.0), ocp.regularize("force", (0.01, 0.05)))
+    return ocp.Problem(motion, mass.until_end(dt=0.05), objective, ocp.Constraints(*limits), initial=[0.0, 0.0])
+
+
 class OneStage:
     """A plan of one stage of a whole body, with an action value made by hand."""
 
@@ -291,17 +302,7 @@ def test_rows_of_the_state_alone_are_left_out_and_listed():
 
 
 def test_a_running_equality_of_the_control_holds():
-    def two_forces():
-        mass = ocp.Model(
-            "mass", state={"place": 1, "speed": 1}, control={"force": 2},
-            modes={"slide": lambda s: {"place": s.speed, "speed": s.force[0] + s.force[1]}},
-        )  # fmt: skip
-        motion = ocp.Motion(ocp.Phase("slide", "slide", 0.3, {"place": 1.0}))
-        objective = ocp.Objective(ocp.track("place", 20.0), ocp.regularize("force", (0.01, 0.05)))
-        same = ocp.Constraints(ocp.equality(lambda s: s.force[0] - 2 * s.force[1], name="share"))
-        return ocp.Problem(motion, mass.until_end(dt=0.05), objective, same, initial=[0.0, 0.0])
-
-    compiled = ocp.compile_problem(two_forces())
+    compiled = ocp.compile_problem(two_forces(ocp.equality(lambda s: s.force[0] - 2 * s.force[1], name="share")))
     solution = solvers.MSiLQR(compiled, backend="numpy").solve().raise_if_failed()
     controller = Vwbc(SolvedPlan(solution, compiled))
     for place in (-1.0, 0.0, 2.0):
