@@ -21,9 +21,7 @@ from piaffe.ocp import (
     ProblemWarning,
     Quantities,
     Quantity,
-    Sample,
     Slot,
-    rotation,
 )
 
 from .kinematics import Kinematics

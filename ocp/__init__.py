@@ -17,6 +17,7 @@ from .compiler import compile_problem as compile_problem
 from .compiler import instance as instance
 from .compiler import owner_of as owner_of
 from .compiler import require_derivatives as require_derivatives
+from .compiler import solve_implicit as solve_implicit
 from .compiler import whole_steps as whole_steps
 from .horizon import Course as Course
 from .horizon import Horizon as Horizon
@@ -65,9 +66,6 @@ from .language import Quantity as Quantity
 from .language import QuantityGroup as QuantityGroup
 from .language import Reference as Reference
 from .language import ReferenceFunctions as ReferenceFunctions
-from .language import composed as composed
-from .language import relative as relative
-from .language import transform_value as transform_value
 from .language import Reset as Reset
 from .language import ResetRows as ResetRows
 from .language import Sample as Sample
@@ -82,6 +80,7 @@ from .language import When as When
 from .language import by_phase as by_phase
 from .language import call as call
 from .language import column as column
+from .language import composed as composed
 from .language import equality as equality
 from .language import file_error as file_error
 from .language import find_parameter as find_parameter
@@ -100,6 +99,7 @@ from .language import phase_index as phase_index
 from .language import placed_phases as placed_phases
 from .language import problem_names as problem_names
 from .language import regularize as regularize
+from .language import relative as relative
 from .language import require_entries as require_entries
 from .language import reset as reset
 from .language import residual as residual
@@ -108,6 +108,7 @@ from .language import run_file as run_file
 from .language import split_entries as split_entries
 from .language import split_spec as split_spec
 from .language import track as track
+from .language import transform_value as transform_value
 from .reports import BOUNDS as BOUNDS
 from .reports import ConstraintReport as ConstraintReport
 from .reports import CostReport as CostReport

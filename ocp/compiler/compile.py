@@ -279,7 +279,8 @@ class Compilation:
         """Return the transition to the next phase, its parameters, whether it changes the state, and by an impact.
 
         Args:
-            span: the part of the horizon before it. follower: the part after it; None at the horizon's end.
+            span: the part of the horizon before it.
+            follower: the part after it; None at the horizon's end.
             mode: the mode before it.
             sample: the targets at its time.
             ending: the motion phase that ends at its time, or contains it.

@@ -102,7 +102,7 @@ class Courses:
             x: measured state in the world (nx,).
             k: the tick.
             commands: commanded values.
-            """
+        """
         calendar = self.calendar
         place = calendar.at(k)
         number = calendar.entries[place.entry].placed.piece

@@ -13,7 +13,7 @@ from ..compiler.checks import require_derivatives
 from ..compiler.compile import Compilation
 from ..compiler.compiled import CompiledProblem
 from ..compiler.compiled_phase import CompiledPhase
-from ..compiler.mode import Row
+from ..compiler.mode import LoweredMode, Row
 from ..compiler.transition import LoweredTransition
 from ..language import (
     ORIGIN,
@@ -28,7 +28,7 @@ from ..language import (
 from .calendar import Calendar, Place
 from .course import Course, Courses, PieceTable
 from .spans import Span, SpanLayout
-from .tables import RowStore, Tables, tracked_quantities
+from .tables import LANDS, RESETS, Indices, RowStore, Tables, tracked_quantities
 from .targets import Copies, TargetVector
 
 Array = NDArray[np.float64]
@@ -120,9 +120,7 @@ class Horizon:
         """
         return self.courses.begin(self.checked(x), self.tick_of(t), self.checked_commands(commands or {}))
 
-    def advance(
-        self, course: Course, x: ArrayLike, t: float, commands: Mapping[str, float] | None = None
-    ) -> Course:
+    def advance(self, course: Course, x: ArrayLike, t: float, commands: Mapping[str, float] | None = None) -> Course:
         """Return the motion as seen from a state measured later, see :meth:`begin`; commands stay if not given.
 
         Raises:
@@ -214,13 +212,13 @@ class Horizon:
             return None
         table = self.tables.segments[0]
         at = int(table.first[before]) + calendar.entries[before].length
-        number, row, copies, flags = (int(v) for v in table.link[0, at])
-        if number < 0 or not flags & 2:
+        link = table.link[0, at]
+        if link[0] < 0 or not link[3] & LANDS:
             return None
-        store = self.tables.transitions[number]
+        store = self.tables.transitions[int(link[0])]
         assert isinstance(store.lowered, LoweredTransition)
         sample = self.courses.samples(course, [(place, course.tick)])[0]
-        return store.lowered, _filled(store, row, copies, sample)
+        return store.lowered, _filled(store, link[1:3], sample)
 
     def nodes(self, span: Span) -> tuple[list[tuple[Place, int]], tuple[Place, int]]:
         """Return place and tick of a span's stages, and of its last node, whose place is that of the phase before."""
@@ -229,8 +227,8 @@ class Horizon:
         for j in range(span.stages + 1):
             k = span.first + j * step
             last = j == span.stages
-            while not cut and k >= (end := place.start + calendar.entries[place.entry].length) and not (
-                last and k == end
+            while (
+                not cut and k >= (end := place.start + calendar.entries[place.entry].length) and not (last and k == end)
             ):
                 place = calendar.next(place)
             stages.append((place, k))
@@ -245,40 +243,41 @@ class Horizon:
         samples = self.courses.samples(course, [*stages, end])
         at = [int(table.first[place.entry]) + k - place.start for place, k in (*stages, end)]
         p = np.array([
-            _filled(store, *table.stage[row], sample) for row, sample in zip(at[:-1], samples, strict=False)
+            _filled(store, table.stage[row], sample) for row, sample in zip(at[:-1], samples, strict=False)
         ])  # fmt: skip
-        p_end = _filled(store, *table.end[int(span.last), at[-1]], samples[-1])
-        mode: object = store.lowered
-        stage_w, terminal_w = self._compilation.weights(mode)  # type: ignore[arg-type]  # a mode's store has a mode
+        p_end = _filled(store, table.end[int(span.last), at[-1]], samples[-1])
+        mode = store.lowered
+        assert isinstance(mode, LoweredMode)
+        stage_w, terminal_w = self._compilation.weights(mode)
         weights, ends = stage_w(p), terminal_w(p_end[None])
         transition, p_transition, resets, lands = None, np.zeros(0), False, False
         at_end = list(ends)
         if not span.last:
             to_next = int(spans[i + 1].segment != span.segment)
-            number, row, copies, flags = (int(v) for v in table.link[to_next, at[-1]])
-            links = tables.transitions[number]
+            link = table.link[to_next, at[-1]]
+            links = tables.transitions[int(link[0])]
             assert isinstance(links.lowered, LoweredTransition)
-            transition, resets, lands = links.lowered, bool(flags & 1), bool(flags & 2)
-            p_transition = _filled(links, row, copies, samples[-1])
+            transition, resets, lands = links.lowered, bool(link[3] & RESETS), bool(link[3] & LANDS)
+            p_transition = _filled(links, link[1:3], samples[-1])
             rows = self._compilation.reset_weights(transition)(p_transition[None])
             at_end = [np.concatenate(both, axis=1) for both in zip(ends, rows, strict=True)]
         model = self.models[span.segment]
-        copies = self.state_copies[span.segment]
+        own = self.state_copies[span.segment]
         states = np.zeros((len(samples), model.state.nx))
-        states[:, list(copies.to)] = samples[:, list(copies.of)]
+        states[:, list(own.to)] = samples[:, list(own.of)]
         placed = self.placed(span.place)
         cut = self.layout.cut[span.segment]
         times: Array = (span.first + calendar.steps[span.segment] * np.arange(span.stages + 1.0)) * calendar.tick
         return CompiledPhase(
             name=placed.phase.name,
             label=str(self._compilation.resolve(model, placed.phase)) if cut else SCHEDULED,
-            interval=placed, mode=store.lowered, dt=segment.dt, times=times, p=p, p_end=p_end,
+            interval=placed, mode=mode, dt=segment.dt, times=times, p=p, p_end=p_end,
             applies=np.zeros((span.stages + 1, len(self._compilation.terms)), dtype=bool),
             weight=weights[0], g_mask=weights[1], h_mask=weights[2],
             end_weight=at_end[0][0], end_g_mask=at_end[1][0], end_h_mask=at_end[2][0],
             ends_phase=span.ends, transition=transition, p_transition=p_transition, resets=resets, lands=lands,
             guess_states=model.state.np_normalise(states), guess_controls=table.controls[at[:-1]].copy(),
-        )  # type: ignore[arg-type]  # fmt: skip
+        )  # fmt: skip
 
     def placed(self, place: Place) -> PlacedPhase:
         """Return the motion phase at a place, with its own times and index."""
@@ -347,7 +346,9 @@ class Horizon:
                             node = compilation.plain_node(model, entry.placed, sample)
                             packed[e][j, slices[quantity.path]] = model.node_parameters(node)[name]
 
-    def _turn(self, number: int, samples: Sequence[Sequence[Sample]], packed: Sequence[Array]) -> tuple[float, float, float]:
+    def _turn(
+        self, number: int, samples: Sequence[Sequence[Sample]], packed: Sequence[Array]
+    ) -> tuple[float, float, float]:
         """Return the planar motion of a cycle of an endless piece; raise if its targets do not repeat."""
         calendar, model = self.calendar, self.models[0]
         piece = self.problem.motion.pieces[number]
@@ -381,10 +382,9 @@ class Horizon:
                     )
 
 
-def _filled(store: RowStore, row: int, copies: int, sample: Array) -> Array:
-    """Return a parameter row with what it takes from a sample."""
-    p = store.rows[row].copy()
-    own: Copies = store.copies[copies]
+def _filled(store: RowStore, which: Indices, sample: Array) -> Array:
+    """Return a parameter row with what it takes from a sample; ``which`` is the row and its copies."""
+    p: Array = store.rows[int(which[0])].copy()
+    own: Copies = store.copies[int(which[1])]
     p[list(own.to)] = sample[list(own.of)]
     return p
-

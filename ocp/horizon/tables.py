@@ -15,12 +15,15 @@ from ..compiler.mode import LoweredMode
 from ..compiler.numbers import Lowered
 from ..compiler.timeline import HorizonPhase
 from ..compiler.transition import LoweredTransition
-from ..language import At, Node, Phase, Sample
+from ..language import At, Node, Phase, Sample, model_of
 from .calendar import Calendar
 from .targets import Copies, TargetVector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
+
+RESETS, LANDS = 1, 2
+"""Flags of a link: the transition changes the state; by an impact."""
 
 
 class RowStore:
@@ -62,7 +65,7 @@ class SegmentTable:
         mode: per entry, the index of its mode.
         stage: row and copies of a stage, (rows, 2).
         end: the same of the last node of a part of the horizon, by whether it is the horizon's last, (2, rows, 2).
-        link: transition, row, copies, and 1 if it resets, 3 if it also lands; by whether the next part is of the next
+        link: transition, row, copies, and flags; by whether the next part is of the next
             segment, (2, rows, 4); transition -1 where there is none.
         controls: guess of the control of a stage (rows, nu).
     """
@@ -109,7 +112,7 @@ class Tables:
         lengths = [entry.length + 1 for entry in entries]
         first = np.cumsum([0, *lengths])
         segment = self._compilation.problem.schedule.segments[s]
-        total, nu = int(first[-1]), segment.model.control.nx
+        total, nu = int(first[-1]), model_of(segment).control.nx
         table = SegmentTable(
             first=first[:-1].astype(np.int32),
             mode=np.zeros(len(entries), dtype=np.int32),
@@ -145,7 +148,7 @@ class Tables:
             for j, (t, sample) in enumerate(zip(times, samples, strict=True))
         ]
         for last in (False, True):
-            own: set[At] = {"running"} | ({"end"} if last else set())
+            own: set[At] = {"running", "end"} if last else {"running"}
             rows = table.end[int(last), at : at + n + 1]
             self._put(number, mode, segment.dt, ends[:n], phase, frozenset(own), rows[:n])
             self._put(number, mode, segment.dt, ends[n:], phase, frozenset(own | {"phase_end"}), rows[n:])
@@ -173,7 +176,12 @@ class Tables:
                 t = interval.start + j * calendar.tick
                 ends_phase = j == n
                 span = HorizonPhase(
-                    spans[0].segment, interval, t - spans[0].segment.dt, 1, ends_phase, spans[1].following if ends_phase else None
+                    spans[0].segment,
+                    interval,
+                    t - spans[0].segment.dt,
+                    1,
+                    ends_phase,
+                    spans[1].following if ends_phase else None,
                 )
                 place = successor if ends_phase else interval
                 follower = HorizonPhase(target, place, t, 1, False, None)
@@ -185,7 +193,7 @@ class Tables:
                 number = self._links[lowered]
                 copies = self._copies(lowered, interval.phase, RESETTING if lands else NOWHERE)
                 row, own = self.transitions[number].add(p, copies)
-                table.link[int(to_next), at + j] = number, row, own, int(resets) + 2 * int(lands)
+                table.link[int(to_next), at + j] = number, row, own, RESETS * resets + LANDS * lands
 
     def _number(self, mode: LoweredMode) -> int:
         if mode not in self._modes:
@@ -208,7 +216,9 @@ class Tables:
 
     def _copies(self, lowered: Lowered, phase: Phase, here: frozenset[At]) -> Copies:
         """Return what the parameters of nodes take from a sample: targets, and slots that follow the motion."""
-        slices, to, of = self._targets.slices, [], []
+        slices = self._targets.slices
+        to: list[int] = []
+        of: list[int] = []
         parts: list[tuple[slice, str]] = []
         for each in self._compilation.numbers.tracked(lowered, phase, here):
             assert each.term.quantity is not None  # only tracked quantities have targets
@@ -237,4 +247,3 @@ def tracked_quantities(compilation: Compilation, calendar: Calendar) -> dict[str
             for name, quantity in mode.model.slots_from_motion.items():
                 found[quantity.path] = slots[name]
     return found
-

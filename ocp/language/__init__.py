@@ -60,7 +60,6 @@ from .quantity import Quantity as Quantity
 from .quantity import QuantityGroup as QuantityGroup
 from .quantity import group as group
 from .quantity import match_labels as match_labels
-from .reference_functions import ReferenceFunctions as ReferenceFunctions
 from .reference import FromArrays as FromArrays
 from .reference import FromTrajectory as FromTrajectory
 from .reference import Keyframes as Keyframes

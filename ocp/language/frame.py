@@ -23,7 +23,7 @@ def relative(to: PlanarFrame, of: PlanarFrame) -> PlanarFrame:
 
 
 def composed(first: PlanarFrame, second: PlanarFrame) -> PlanarFrame:
-    """Return the planar motion that does ``second``, then ``first``; or frame ``second`` as seen from outside ``first``."""
+    """Return the planar motion that does ``second``, then ``first``."""
     c, s = np.cos(first[2]), np.sin(first[2])
     x, y, yaw = second
     return (first[0] + c * x - s * y, first[1] + s * x + c * y, first[2] + yaw)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as cs
 
-from piaffe.ocp import Horizon, LoweredTransition, Manifold, moved_symbols, yaw_of
+from piaffe.ocp import Horizon, LoweredTransition, Manifold, ModelBase, moved_symbols, yaw_of
 
 
 def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
@@ -26,7 +26,8 @@ def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
         before = pieces[i - 1].functions if i else None
         if before is not None:
             found[f"piece{i}_pick"] = of.pick(before.quantities)
-    if horizon.models[0].planar_pose is None:
+    head = horizon.models[0]
+    if head.planar_pose is None:
         return found
     for i, model in enumerate(spaces(horizon)):
         found[f"space{i}_state"] = _moved(model.state)
@@ -36,14 +37,13 @@ def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
     s, motion = cs.SX.sym("s", targets.size), cs.SX.sym("motion", 3)
     parts = [(q, s[part]) for q, part in zip(targets.quantities, targets.slices.values(), strict=True)]
     found["moved_sample"] = _function("moved_sample", [s, motion], moved_symbols(parts, motion))
-    head = horizon.models[0]
     x = cs.SX.sym("x", head.state.nx)
     position, orientation = (x[head.state.slices[quantity]] for quantity in head.planar_pose)
     found["pose"] = _function("pose", [x], [position[0], position[1], yaw_of(orientation)])
     return found
 
 
-def spaces(horizon: Horizon) -> tuple[object, ...]:
+def spaces(horizon: Horizon) -> tuple[ModelBase, ...]:
     """Return the models of a horizon, each once; each has its state space."""
     return tuple(dict.fromkeys(horizon.models))
 

@@ -33,7 +33,9 @@ def _build(functions: tuple[tuple[str, Any], ...], width: int) -> tuple[ct.CDLL,
     shared = {name: TEMPLATES[name] for name in ("piaffe.h", "manifold.inc")}
     headers = {**made.headers, **shared, **{name: texts[name] for name in _FILES}, "constants.h": constants_header()}
     units = [*((unit.name, unit.text) for unit in made.units), ("receding", texts["receding.c"])]
-    built = build(units, headers=headers, flags_per_unit={"receding": SOLVER_FLAGS}, width=width, label="receding horizon")
+    built = build(
+        units, headers=headers, flags_per_unit={"receding": SOLVER_FLAGS}, width=width, label="receding horizon"
+    )
     return load(built), made.work
 
 
@@ -64,7 +66,8 @@ class RecedingMemory:
     def __init__(
         self, horizon: Horizon, options: Options, latency: float, iterations: int, first_iterations: int
     ) -> None:
-        self.horizon, self._kept = horizon, []
+        self.horizon = horizon
+        self._kept: list[Any] = []
         tables = horizon.tables
         modes = tuple(store.lowered for store in tables.modes if isinstance(store.lowered, LoweredMode))
         links = tuple(store.lowered for store in tables.transitions if isinstance(store.lowered, LoweredTransition))
@@ -211,8 +214,8 @@ class RecedingMemory:
         problem.initial = self._initial.ctypes.data
         self._history = self._keep((RecordStruct * max(iterations, first_iterations))())
         problem.history = ct.cast(self._history, type(problem.history))
-        every = [*self.modes, *self.links]
-        most = max([1, *(sum(map(len, each.rows.values())) for each in every)])
+        every: list[LoweredMode | LoweredTransition] = [*self.modes, *self.links]
+        most = max([1, *(sum(len(rows) for rows in each.rows.values()) for each in every)])
         problem.slope, problem.curvature = (self._doubles(np.zeros(most * self.width)) for _ in range(2))
         self.problem = problem
         c.problem = ct.addressof(problem)
@@ -247,7 +250,8 @@ class RecedingMemory:
         )
         c.lanes = self._doubles(np.zeros(most * self.width))
         c.work = self._doubles(np.zeros(max(1, *work.values()) * self.width))
-        largest = max(lowered.layout.size for lowered in (*self.modes, *self.links))
+        lowered: list[LoweredMode | LoweredTransition] = [*self.modes, *self.links]
+        largest = max(each.layout.size for each in lowered)
         own = [of.num_sample + of.num_start for of in pieces]
         c.rows = self._doubles(np.zeros(max([largest, *own])))
         widest = max(model.state.nx for model in horizon.models)
@@ -292,6 +296,6 @@ class RecedingMemory:
 
 
 def _factors(library: Library, name: str) -> int:
-    """Return the number of factors of a mode or transition, the sixth or fifth of the sizes at its table's beginning."""
+    """Return the number of factors of a mode or transition, from the sizes at the beginning of its table."""
     sizes = (ct.c_int * 6).in_dll(library.loaded, f"{name}_table")
     return int(sizes[4] if name.startswith("mode") else sizes[5])

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ProblemError
-from piaffe.ocp import Horizon
+from piaffe.ocp import Horizon, PlanarFrame
 
 from ..ilqr import STATUS, Options
 from .memory import HEADER, PART, RecedingMemory, Slot
@@ -42,13 +41,10 @@ class NativeTick:
 
     def __call__(self, x: Array, t: float, commands: Mapping[str, float]) -> Plan:
         """Return a plan from a state in the world (nx,) that was measured at time t [s]."""
-        if commands:
-            for piece, values in zip(self.horizon.courses.pieces, self.memory.commands, strict=True):
-                if piece.functions is not None:
-                    values[:] = [
-                        commands.get(name, value)
-                        for name, value in zip(piece.functions.commands, piece.functions.command, strict=True)
-                    ]
+        for piece, values in zip(self.horizon.courses.pieces, self.memory.commands, strict=True):
+            if piece.functions is not None:
+                declared = zip(piece.functions.commands, piece.functions.command, strict=True)
+                values[:] = [commands.get(name, value) for name, value in declared]
         slot = self._free.pop() if self._free else self.memory.slot()
         code = self.memory.plan(x, t, slot)
         if code:
@@ -57,9 +53,11 @@ class NativeTick:
             raise self.horizon.outside(t)
         header, figures = slot.header, slot.numbers
         plan = Plan(
-            self.horizon, _Parts(self.memory, slot), tuple(figures[0:3].tolist()), tuple(figures[3:6].tolist()),
-            STATUS[header[2]], int(header[3]), bool(header[4]), *figures[6:10].tolist(),
-            dict(zip(_TICKS, figures[11:14].tolist(), strict=True)), t, slot,
+            horizon=self.horizon, parts=_Parts(self.memory, slot), anchor=_frame(figures[0:3]),
+            moved=_frame(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
+            cost=float(figures[6]), max_defect=float(figures[7]), max_equality=float(figures[8]),
+            max_inequality=float(figures[9]), seconds=dict(zip(_TICKS, figures[11:14].tolist(), strict=True)),
+            measured_at=t, memory=slot,
         )  # fmt: skip
         weakref.finalize(plan, self._free.append, slot)
         self.plan = plan
@@ -108,3 +106,7 @@ class _Parts(Sequence[PlannedPhase]):
             segment, number, memory.horizon.calendar.entries[entry].phase.name, mode, times, x, u, k, K, Q_x, Q_u,
             Q_xx, Q_ux, Q_uu, p, g_mask, h_mask, transition, p_transition, bool(max(flags, 0) & 1),
         )  # fmt: skip
+
+
+def _frame(values: Array) -> PlanarFrame:
+    return float(values[0]), float(values[1]), float(values[2])

@@ -48,9 +48,7 @@ class NumpyTick:
         self.plan: Plan | None = None
         self.course: Course | None = None
 
-    def __call__(
-        self, x: Array, t: float, measured_at: float, iterations: int, commands: Mapping[str, float]
-    ) -> Plan:
+    def __call__(self, x: Array, t: float, measured_at: float, iterations: int, commands: Mapping[str, float]) -> Plan:
         """Return the plan that begins at time t [s] with a state in the world (nx,)."""
         horizon, last = self.horizon, self.plan
         began = time.perf_counter()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import SAME_TIME, TIME_STEP, LoweredTransition, Vectorised
+from piaffe.ocp import SAME_TIME, TIME_STEP, LoweredTransition, Vectorised, solve_implicit
 
 from .plan import Plan
 
@@ -37,19 +37,18 @@ def predicted(plan: Plan, x: Array, t: float, until: float) -> Array:
         share = (t - part.times[k]) / (part.times[k + 1] - part.times[k])
         nominal = space.np_plus(part.states[k], share * space.np_minus(part.states[k + 1], part.states[k]))
         u = part.controls[k] + part.feedback[k] @ space.np_minus(state, nominal)
-        K, r0 = Vectorised(mode.functions["implicit"])(state[None], u[None], p[None])
-        z = -np.linalg.solve(K, r0[:, :, None])[:, :, 0] if r0.shape[1] else r0
+        z = solve_implicit(*Vectorised(mode.functions["implicit"])(state[None], u[None], p[None]))
         state = space.np_normalise(Vectorised(mode.functions["stage"])(state[None], u[None], z, p[None])[0][0])
         t = end
         following = plan.parts[i + 1] if i + 1 < len(plan.parts) else None
-        if t >= part.times[-1] - SAME_TIME and part.resets and following is not None:
-            if following.states.shape[1] == len(state) and part.transition is not None:
-                state = space.np_normalise(after_reset(part.transition, part.p_transition, state))
+        if t < part.times[-1] - SAME_TIME or not part.resets or following is None or part.transition is None:
+            continue
+        if following.states.shape[1] == len(state):
+            state = space.np_normalise(after_reset(part.transition, part.p_transition, state))
     return state
 
 
 def after_reset(transition: LoweredTransition, p: Array, x: Array) -> Array:
     """Return the state after a transition, (nx of the next,)."""
-    K, r0 = Vectorised(transition.functions["implicit"])(x[None], p[None])
-    z = -np.linalg.solve(K, r0[:, :, None])[:, :, 0] if r0.shape[1] else r0
+    z = solve_implicit(*Vectorised(transition.functions["implicit"])(x[None], p[None]))
     return np.asarray(Vectorised(transition.functions["reset"])(x[None], z, p[None])[0][0])

@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import SolverError
+from piaffe.errors import ProblemError, SolverError
 from piaffe.ocp import SAME_TIME, Horizon, Problem
 
 from ..ilqr import Backend, Fixed, Options
@@ -52,6 +52,7 @@ class RecedingHorizon:
         first_iterations: int = 200,
         backend: Backend = "native",
     ) -> None:
+        _check(iterations, first_iterations, budget_s, backend)
         self.horizon = horizon = Horizon(problem)
         steps = round(period / horizon.dt)
         if steps < 1 or abs(steps * horizon.dt - period) > SAME_TIME:
@@ -72,9 +73,11 @@ class RecedingHorizon:
         self._numpy = NumpyTick(horizon, self.options) if backend == "numpy" else None
         self._native = (
             NativeTick(horizon, replace(self.options, time_limit_s=budget_s), latency, iterations, first_iterations)
-            if backend == "native" else None
+            if backend == "native"
+            else None
         )
         self._commands: dict[str, float] = {}
+        self._last_start: float | None = None
 
     @property
     def problem(self) -> Problem:
@@ -91,7 +94,7 @@ class RecedingHorizon:
         for tick in (self._native, self._numpy):
             if tick is not None:
                 tick.reset()
-        self._commands = {}
+        self._commands, self._last_start = {}, None
 
     def command(self, **values: float) -> None:
         """Set commands of the gaits, from the next plan on: ``speed``, ``lateral_speed``, ``yaw_rate``, ``height``.
@@ -115,6 +118,16 @@ class RecedingHorizon:
             ShapeError: the state has another size.
         """
         state = self.horizon.checked(x)
+        if self._last_start is not None and t + self.latency < self._last_start - self.horizon.dt:
+            raise ProblemError(
+                f"receding horizon: time goes back - got {t:g} s after a plan that began at {self._last_start:g} s, "
+                "expected a later one; call reset() before another episode"
+            )
+        plan = self._planned(state, t)
+        self._last_start = plan.start
+        return plan
+
+    def _planned(self, state: Array, t: float) -> Plan:
         if self._native is not None:
             return self._native(state, t, self._commands)
         assert self._numpy is not None  # the other backend
@@ -124,3 +137,18 @@ class RecedingHorizon:
             state = last.world(predicted(last, last.local(state), t, start))
         iterations = self.first_iterations if last is None else self.iterations
         return self._numpy(state, start, t, iterations, self._commands)
+
+
+def _check(iterations: int, first_iterations: int, budget_s: float | None, backend: str) -> None:
+    """Raise SolverError if an argument of :class:`RecedingHorizon` is out of range."""
+    for name, value in (("iterations", iterations), ("first_iterations", first_iterations)):
+        if value < 1:
+            raise SolverError(f"receding horizon: {name} is out of range - got {value}, expected 1 or more; change it")
+    if budget_s is not None and not 0 < budget_s < np.inf:
+        raise SolverError(
+            f"receding horizon: budget_s is out of range - got {budget_s} s, expected a positive number; change it"
+        )
+    if backend not in ("native", "numpy"):
+        raise SolverError(
+            f"receding horizon: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one"
+        )

@@ -8,12 +8,12 @@ from .backend import read_outer as read_outer
 from .backend import read_search as read_search
 from .backend import run_native as run_native
 from .backend import write as write
-from .memory import SolverMemory as SolverMemory
 from .library import Library as Library
 from .library import library_of as library_of
+from .memory import SolverMemory as SolverMemory
 from .program import TEMPLATES as TEMPLATES
 from .program import constants_header as constants_header
 from .structs import OPTIONS as OPTIONS
-from .structs import Options as OptionsStruct
-from .structs import Record as RecordStruct
+from .structs import OptionsStruct as OptionsStruct
+from .structs import RecordStruct as RecordStruct
 from .structs import structs as structs

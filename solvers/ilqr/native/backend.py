@@ -137,7 +137,7 @@ def run_native(
 def _records(memory: SolverMemory, history: list[Record], report: Callable[[Record], None] | None) -> None:
     """Append the records of the iterations since the last call, and report them."""
     for j in range(len(history), memory.c.num_records):
-        row: s.Record = memory.history[j]
+        row: s.RecordStruct = memory.history[j]
         values = {name: getattr(row, name) for name in s.RECORD}
         values["iteration"] = int(values["iteration"])
         history.append(Record(**values))

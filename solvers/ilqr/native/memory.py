@@ -102,7 +102,7 @@ class SolverMemory:
         self.c.transitions = self._keep((self.types.Group * max(len(resets), 1))(*resets))
         self.initial = self._array(problem.initial.size, problem.initial)
         self.c.initial = self.initial.ctypes.data
-        self.history = self._keep((s.Record * options.max_iterations)())
+        self.history = self._keep((s.RecordStruct * options.max_iterations)())
         self.c.history = self.history
         rows = [mode.rows for mode in modes] + [transition.rows for transition in transitions]
         most = max([1, *(sum(map(len, each.values())) for each in rows)])

@@ -36,13 +36,13 @@ OF_SOLVE = [
 COUNTERS = ["resume_converged", "inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
 
 
-class Options(ct.Structure):
+class OptionsStruct(ct.Structure):
     """Options, in the order of the header."""
 
     _fields_ = [*((name, ct.c_double) for name in _NUMBERS), *((name, ct.c_int) for name in _COUNTS)]
 
 
-class Record(ct.Structure):
+class RecordStruct(ct.Structure):
     """One iteration."""
 
     _fields_ = [(name, ct.c_double) for name in RECORD]
@@ -115,8 +115,8 @@ def structs(width: int) -> Structs:
             ("groups", ct.POINTER(Group)),
             ("transitions", ct.POINTER(Group)),
             ("initial", Doubles),
-            ("options", Options),
-            ("history", ct.POINTER(Record)),
+            ("options", OptionsStruct),
+            ("history", ct.POINTER(RecordStruct)),
             ("num_records", ct.c_int),
             ("cancel", ct.c_int),
             ("cleared", ct.c_int),
