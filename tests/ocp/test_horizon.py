@@ -106,7 +106,8 @@ def test_the_horizon_becomes_shorter_at_the_motions_end():
     assert [sum(p.num_stages for p in c.phases if p.dt == 0.01) for c in at.values()] == [20, 8, 1]
     assert [sum(p.num_stages for p in c.phases if p.dt == 0.05) for c in at.values()] == [1, 0, 0]
     last = at[0.57].phases[-1]
-    assert last.transition is None and last.ends_phase
+    assert last.transition is None
+    assert last.ends_phase
     ends = ocp.compile_problem(problem(turning_jump(), head=0.58, tail=0), 0.0, checks=False).phases[-1]
     assert np.array_equal(np.sort(last.end_weight)[-3:], np.sort(ends.end_weight)[-3:])
 
@@ -218,7 +219,7 @@ def test_parts_of_random_horizons_are_those_of_the_compiler():
         layout = SpanLayout(calendar, schedule)
         path = motion.bind((body, srb), body.state.unpack(declared.initial))
         total = 3.0 if cyclic else motion.duration - head - tail
-        for k in range(0, int(round(100 * total)) + 1, 3):
+        for k in range(0, round(100 * total) + 1, 3):
             if total < 0:
                 break
             expected = horizon_phases(path, schedule, 0.01 * k)

@@ -64,19 +64,21 @@ def assert_same(got, expected, tolerance):
     ]
     assert (got.status, got.iterations) == (expected.status, expected.iterations)
     turn = got.anchor[2] - expected.anchor[2]
-    assert np.allclose(got.anchor[:2], expected.anchor[:2], atol=1e-9) and abs(np.sin(turn)) < 1e-9
+    assert np.allclose(got.anchor[:2], expected.anchor[:2], atol=1e-9)
+    assert abs(np.sin(turn)) < 1e-9
     for own, other in zip(got.parts, expected.parts, strict=True):
         for name in (*TABLES, *RESULTS):
             a, b = getattr(own, name), getattr(other, name)
             scale = tolerance * (1 + np.abs(b).max(initial=0.0)) if name in RESULTS else 1e-9
-            assert a.shape == b.shape and np.abs(a - b).max(initial=0.0) < scale, (own.name, name)
+            assert a.shape == b.shape
+            assert np.abs(a - b).max(initial=0.0) < scale, (own.name, name)
 
 
 def ahead(plan, t, rng, noise):
     """A state of the plan at a later time, in the world, with noise."""
     part = [p for p in plan.parts if p.times[0] <= t + 1e-9][-1]
     space = part.mode.state
-    x = space.np_plus(part.states[int(round((t - part.times[0]) / 0.01))], noise * rng.standard_normal(space.ndx))
+    x = space.np_plus(part.states[round((t - part.times[0]) / 0.01)], noise * rng.standard_normal(space.ndx))
     return plan.world(x)
 
 
@@ -113,7 +115,8 @@ def test_ticks_in_c_equal_those_in_numpy(name, latency):
                 each.command(speed=0.2, yaw_rate=0.5)
         got, expected = (each.plan(x, t) for each in both)
         assert_same(got, expected, 1e-8)
-        assert got.measured_at == t and got.start >= t + latency - 1e-9
+        assert got.measured_at == t
+        assert got.start >= t + latency - 1e-9
         landed += any(p.resets for p in got.parts)
         make_equal(both[0], got, both[1], expected)
         later = t + 0.02 if k % 3 else t + 0.017  # also off the grid of the model's steps
@@ -203,7 +206,8 @@ def test_a_plan_is_followed_by_the_low_level_in_its_own_frame():
         low = solvers.Vwbc(plan)
         plans.append((low.control(x, 0.004), solvers.Vwbc(plan, backend="numpy").control(x, 0.004)))
     (here, here_numpy), (there, there_numpy) = plans
-    assert np.allclose(here, there, atol=1e-8) and np.allclose(here, here_numpy, atol=1e-8)
+    assert np.allclose(here, there, atol=1e-8)
+    assert np.allclose(here, here_numpy, atol=1e-8)
     assert np.allclose(there, there_numpy, atol=1e-8)
 
 
