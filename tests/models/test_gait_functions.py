@@ -189,6 +189,22 @@ def test_single_rigid_body_begins_on_the_feet_of_the_standing_robot():
         pair.check(*pair.some_time(rng, 0.0, 3.0))
 
 
+def test_legs_may_have_a_sliding_joint(tmp_path):
+    """A biped with telescopic shanks."""
+    text = (Path(__file__).parents[2] / "examples" / "biped.urdf").read_text()
+    for side in "LR":
+        head, joint = text.split(f'<joint name="{side}_KFE" type="revolute">')
+        joint, rest = joint.split("</joint>", 1)
+        joint = joint.replace('axis xyz="0 1 0"', 'axis xyz="0 0 1"')
+        text = f'{head}<joint name="{side}_KFE" type="prismatic">{joint}</joint>{rest}'
+    (tmp_path / "telescope.urdf").write_text(text)
+    robot = models.load(tmp_path / "telescope.urdf", feet="L_FOOT R_FOOT")
+    pair = Pair.random(models.SingleRigidBody(robot), "pace", np.random.default_rng(0), speed=0.1, yaw_rate=0.1)
+    assert not pair.numpy.kinematics.groups[0].revolute.all()
+    rng = np.random.default_rng(1)
+    assert sum(pair.check(*pair.some_time(rng, 0.0, 5.0)) for _ in range(20)) > 15
+
+
 # ---- rows
 
 

@@ -238,6 +238,29 @@ def test_an_anchored_gait_goes_on_from_where_the_robot_really_is(body):
     assert (step - lead)[:2] == pytest.approx([0.0, 0.2 * gain], abs=1e-9)
 
 
+def test_a_gait_that_is_anchored_at_a_touchdown_corrects_the_foothold_after_it(body):
+    """The times of boundaries are sums of durations; a touchdown just after the anchor by rounding is at the anchor."""
+    reference = bind(body, gaits.trot(0.5, ramp=0.0, intro=0.0))
+    t = float(reference.footsteps.schedule.stances(1, 2.0)[2, 0]) - 1e-9  # FR
+    actual = dict(reference.sample(t, 2))
+    actual[base.linear_velocity] = actual[base.linear_velocity] + [0.0, 0.2, 0.0]
+    moved = reference.anchored(t, actual)
+    for later, change in ((t + 0.1, 0.0), (t + 0.6, 0.2 * np.sqrt(body.robot.base_height() / 9.81))):
+        before, after = (r.samples(np.array([later]))[feet.position][0].reshape(4, 3)[1] for r in (reference, moved))
+        assert after - before == pytest.approx([0.0, change, 0.0], abs=1e-7)
+
+
+def test_a_gait_that_does_not_repeat_may_end_before_its_feet_are_out_of_reach(body):
+    phases = [ocp.Phase(f"{i}", models.stance(feet), 0.2) for i, feet in enumerate(("FL HR", "FR HL", "FL FR HL HR"))]
+    motion = ocp.Motion(*phases, reference=gaits.GaitReference(speed=0.5, ramp=0.2))
+    end = bind(body, motion).sample(0.6, 2)
+    assert end[base.position][0] == pytest.approx(0.05 + 0.5 * 0.4)
+    with pytest.raises(ProblemError, match=r"out of reach - got \d\.\d+ m too far at speed 0\.5 m/s"):
+        bind(
+            body, ocp.Motion(ocp.Phase("lean", models.stance("FL FR HL HR"), 1.5), reference=motion.pieces[0].reference)
+        )
+
+
 def test_sampling_a_gait_is_cheap_and_repeatable(body):
     reference = bind(body, gaits.flying_trot(0.5))
     one, again = reference.sample(0.37, 3), reference.sample(0.37, 3)

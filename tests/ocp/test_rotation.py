@@ -131,3 +131,14 @@ def test_body_rate_is_the_derivative_of_the_orientation():
     before, after = rotation.np_from_rpy(rpy - step * rate), rotation.np_from_rpy(rpy + step * rate)
     moved = rotation.np_log(rotation.np_multiply(rotation.np_conjugate(before), after)) / (2 * step)
     assert rotation.np_body_rate(rpy, rate) == pytest.approx(moved, abs=1e-8)
+
+
+def test_roll_pitch_yaw_as_expressions_are_those_of_numpy():
+    rng = np.random.default_rng(4)
+    quaternion, angles = compiled(rotation.from_rpy, 3), compiled(rotation.to_rpy, 4)
+    rate = compiled(rotation.body_rate, 3, 3)
+    for rpy in np.vstack([rng.uniform([-3, -1.5, -7], [3, 1.5, 7], (20, 3)), [[0, pi / 2, 0.3], [0, -pi / 2, 0]]]):
+        q, speeds = rotation.np_from_rpy(rpy), rng.normal(size=3)
+        assert quaternion(rpy).full().ravel() == pytest.approx(q, abs=1e-15)
+        assert angles(q).full().ravel() == pytest.approx(rotation.np_to_rpy(q), abs=1e-12)
+        assert rate(rpy, speeds).full().ravel() == pytest.approx(rotation.np_body_rate(rpy, speeds), abs=1e-14)
