@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from piaffe.codegen import SOLVER_FLAGS, aligned_zeros, build, generate, load
 from piaffe.ocp import TIME_STEP, Horizon, LoweredMode, LoweredTransition
 
-from ..ilqr import OPTIONS, TEMPLATES, Library, Options, RecordStruct, constants_header, library_of, structs
+from ..ilqr import OPTIONS, TEMPLATES, Library, Options, RecordStruct, constants_header, library_of, structs_of
 from . import structs as s
 from .functions import generated_functions, spaces
 
@@ -205,7 +205,7 @@ class RecedingMemory:
     # ---- the solver
 
     def _solver_memory(self, options: Options, iterations: int, first_iterations: int) -> None:
-        c, kinds = self.c, structs(self.width)
+        c, kinds = self.c, structs_of(self.width)
         for name in OPTIONS:
             value = getattr(options, name)
             setattr(c.options, name, 0.0 if value is None else value)

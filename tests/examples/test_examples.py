@@ -214,6 +214,13 @@ def test_the_cascade_begun_at_its_solution_is_there(load):
     assert again.cost == pytest.approx(solution.cost, rel=1e-12)
 
 
+def test_the_trot_keeps_its_speed_online(load):
+    episode = load("trot_mpc").main(seconds=3.0)
+    assert episode.success
+    assert episode.tracking(2.0, 3.0).velocity[0] == pytest.approx(0.5, rel=0.05)
+    assert episode.summary()["fallbacks"] == 0
+
+
 def test_a_heavier_robot_needs_more_torque(load):
     assert 1.05 < load("randomised_mass").main(count=12) < 2.0
 

@@ -16,4 +16,4 @@ from .program import constants_header as constants_header
 from .structs import OPTIONS as OPTIONS
 from .structs import OptionsStruct as OptionsStruct
 from .structs import RecordStruct as RecordStruct
-from .structs import structs as structs
+from .structs import structs_of as structs_of

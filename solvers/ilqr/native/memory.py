@@ -83,7 +83,7 @@ class SolverMemory:
     def __init__(self, problem: CompiledProblem, library: Library, options: Options) -> None:
         self.problem, self.width, self.compiled_library = problem, library.built.width, library
         modes, transitions, width = library.modes, library.transitions, library.built.width
-        self.types = s.structs(width)
+        self.types = s.structs_of(width)
         self.library = library.loaded
         self.library.piaffe_solve.restype = ct.c_int
         self.library.piaffe_merit.restype = ct.c_double

@@ -84,7 +84,7 @@ class Structs:
     Problem: Any
 
 
-def structs(width: int) -> Structs:
+def structs_of(width: int) -> Structs:
     """Return the structures for a number of doubles per vector."""
 
     class Block(ct.Structure):
