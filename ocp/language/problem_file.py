@@ -26,14 +26,20 @@ def load_problem(spec: str, *, quiet: bool = False) -> Problem:
     Raises:
         ProblemError: there is no such file, it does not run, or the object of that name is not a problem.
     """
+    return load_problem_file(spec, quiet=quiet)[0]
+
+
+def load_problem_file(spec: str, *, quiet: bool = False) -> tuple[Problem, ModuleType]:
+    """Return the problem of ``FILE`` or ``FILE:name`` and the file as a module; see :func:`load_problem`."""
     with redirect_stdout(sys.stderr) if quiet else nullcontext():
-        return _load(*split_spec(spec))
+        path, name = split_spec(spec)
+        module = run_file(path)
+        return _problem(path, name, module), module
 
 
-def _load(path: Path, name: str) -> Problem:
+def _problem(path: Path, name: str, module: ModuleType) -> Problem:
     from .problem import Problem
 
-    module = run_file(path)
     if not hasattr(module, name):
         raise UnknownNameError(f"file '{path}'", "problem", name, problem_names(module))
     found = getattr(module, name)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # for type checkers and import-linter; at run time `_MODULES`
     from .figure import require_picture as require_picture
     from .film import sheet as sheet
     from .film import write as write
+    from .online_figure import plot_online as plot_online
+    from .online_film import film_online as film_online
     from .playback import Playback as Playback
     from .progress import LiveTable as LiveTable
     from .simulated import simulate as simulate
@@ -44,6 +46,8 @@ else:
         "require_picture": "figure",
         "sheet": "film",
         "write": "film",
+        "plot_online": "online_figure",
+        "film_online": "online_film",
         "Playback": "playback",
         "LiveTable": "progress",
         "simulate": "simulated",

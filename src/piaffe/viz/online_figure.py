@@ -1,0 +1,143 @@
+"""The figure of an episode of a receding horizon: base, command, torques, contacts, plans and ticks over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from piaffe.models import base
+from piaffe.simulation import OnlineEpisode
+
+from .figure import require_picture, save_figure
+from .style import AXES, BOUND, FAINT, INK, LEGS, NEUTRAL, RC, colours
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_PER_LEG = 3
+
+
+def plot_online(path: Path, episode: OnlineEpisode, *, title: str = "") -> Path:
+    """Draw an episode into an image or PDF file, and return its path.
+
+    Args:
+        path: the file; its suffix selects the format.
+        episode: the episode.
+        title: what ran; by default the name of the robot.
+    """
+    require_picture(path)
+    with rc_context(RC):
+        figure = Figure(figsize=(13.0, 9.6), layout="constrained")
+        axes = figure.subplots(4, 3, sharex=True)
+        _base(axes[0], episode)
+        _height(axes[1, 0], episode)
+        _contacts(axes[1, 1], episode)
+        _loads(axes[1, 2], episode)
+        _torques(axes[2], episode)
+        _plans(axes[3], episode)
+        for ax in axes[-1]:
+            ax.set_xlabel("time [s]")
+        if len(episode.times):
+            axes[0, 0].set_xlim(episode.times[0], max(episode.end, episode.times[0] + 1e-3))
+        result = "success" if episode.success else episode.fault or "not upright at the end"
+        figure.suptitle(
+            f"{title or episode.robot.name}   ·   {episode.end:.2f} s   ·   {result}", x=0.012, ha="left", fontsize=11,
+            color=INK if episode.success else BOUND,
+        )  # fmt: skip
+        figure.text(0.995, 0.995, "dotted: command   ·   dashed: limit", ha="right", va="top", fontsize=8, color=FAINT)
+        return save_figure(figure, path)
+
+
+def _base(axes: Sequence[Axes], episode: OnlineEpisode) -> None:
+    yaw_rate = np.gradient(episode.yaw, episode.times) if len(episode.times) > 1 else np.zeros(len(episode.times))
+    measured = (episode.velocity[:, 0], episode.velocity[:, 1], yaw_rate)
+    names = (("velocity ahead", "m/s"), ("velocity to the left", "m/s"), ("yaw rate", "rad/s"))
+    for i, (ax, (name, unit), values) in enumerate(zip(axes, names, measured, strict=True)):
+        ax.plot(episode.times, values, color=AXES[i], lw=0.9)
+        ax.plot(episode.times, episode.commands[:, i], color=INK, ls=(0, (1, 1.6)), lw=1.2)
+        _label(ax, name, unit)
+
+
+def _height(ax: Axes, episode: OnlineEpisode) -> None:
+    ax.plot(episode.times, episode.states[:, episode.space.slices[base.position]][:, 2], color=AXES[2], lw=0.9)
+    _label(ax, "height of the base", "m")
+
+
+def _contacts(ax: Axes, episode: OnlineEpisode) -> None:
+    """Draw a strip per foot: planned contact above, measured below."""
+    names = episode.robot.foot_names
+    step = np.append(episode.times, episode.end)
+    for row, (name, colour) in enumerate(zip(names, colours(len(names)), strict=True)):
+        planned = np.nan_to_num(episode.planned[:, row]) > 0.5
+        for flags, low, high, alpha in ((planned, row - 0.36, row, 0.4), (episode.touching[:, row], row, row + 0.36, 1)):
+            held = np.append(flags, flags[-1:])
+            ax.fill_between(step, low, high, where=held, step="post", color=colour, alpha=alpha, lw=0, label=name)
+    ax.set_yticks(range(len(names)), names)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.grid(visible=False)
+    ax.set_title("contacts: planned (pale), measured")
+
+
+def _loads(ax: Axes, episode: OnlineEpisode) -> None:
+    for row, (name, colour) in enumerate(zip(episode.robot.foot_names, colours(len(LEGS)), strict=False)):
+        ax.plot(episode.times, episode.forces[:, row, 2], color=colour, lw=0.8, label=name)
+    _label(ax, "normal forces", "N")
+    _legend(ax)
+
+
+def _torques(axes: Sequence[Axes], episode: OnlineEpisode) -> None:
+    """Draw the torques of the joints in three diagrams, in the order of the robot, with their largest limits."""
+    groups = _groups(episode.robot.joint_names)
+    for ax, (name, own) in zip(axes, groups, strict=True):
+        for i, colour in zip(own, colours(len(own)), strict=True):
+            ax.plot(episode.times, episode.torques[:, i], color=colour, lw=0.7, label=episode.robot.joint_names[i])
+        for limit in np.unique(episode.torque_limit[own]):
+            for sign in (-1, 1):
+                if np.isfinite(limit):
+                    ax.axhline(sign * limit, color=BOUND, lw=0.8, ls=(0, (4, 2)))
+        _label(ax, name, "Nm")
+        _legend(ax)
+
+
+def _groups(names: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Return three groups of joints: the first, second and third of every leg; else consecutive thirds."""
+    count = len(names)
+    if count % _PER_LEG == 0:
+        return [(f"torques, joint {i + 1} of the legs", list(range(i, count, _PER_LEG))) for i in range(_PER_LEG)]
+    thirds: list[NDArray[np.int_]] = np.array_split(np.arange(count), _PER_LEG)
+    return [(f"torques, part {i + 1}", [int(each) for each in own]) for i, own in enumerate(thirds)]
+
+
+def _plans(axes: Sequence[Axes], episode: OnlineEpisode) -> None:
+    plans = episode.plans
+    axes[0].plot(plans.times, 1e3 * plans.seconds, ".", ms=3, color=NEUTRAL, label="time of a plan")
+    axes[0].plot(episode.times, 1e3 * episode.ages, color=LEGS[1], lw=0.6, alpha=0.8, label="age of the acting plan")
+    _label(axes[0], "plans", "ms")
+    axes[1].plot(plans.times, plans.iterations, ".", ms=3, color=LEGS[0], label="of a plan")
+    axes[1].set_ylim(0, _above(plans.iterations[1:]))
+    _label(axes[1], "iterations of plans (the first may be higher)", "")
+    axes[2].plot(episode.times, episode.qp_iterations, color=LEGS[2], lw=0.7)
+    axes[2].set_ylim(0, _above(episode.qp_iterations))
+    _label(axes[2], "iterations of the low level's program", "")
+    _legend(axes[0])
+
+
+def _above(values: Any) -> float:
+    """Return the upper end of an axis for counts."""
+    known = np.asarray(values, dtype=float)
+    return 1.25 * float(np.max(known[np.isfinite(known)], initial=1.0))
+
+
+def _label(ax: Axes, title: str, unit: str) -> None:
+    ax.set_title(title)
+    ax.set_ylabel(f"[{unit}]" if unit else "")
+
+
+def _legend(ax: Axes) -> None:
+    ax.legend(loc="upper right", ncols=4, fontsize=6.5, handlelength=1.0, columnspacing=0.8)
