@@ -84,11 +84,11 @@ class OnlineSetup:
 
     def _check_times(self) -> None:
         step = self.plant.timestep
-        for name, value in (("latency", self.latency), ("seconds", self.seconds)):
-            if not (value >= 0 and np.isfinite(value) and is_same_time(round(value / step) * step, value)):
+        for name, value, least in (("latency", self.latency, 0.0), ("seconds", self.seconds, step)):
+            if not (least <= value < np.inf and is_same_time(round(value / step) * step, value)):
                 raise ModelError(
                     f"command line: {name} is out of range - got {value:g} s, expected a multiple of the plant's time "
-                    f"step {step:g} s; change it"
+                    f"step {step:g} s, at least {least:g} s; change it"
                 )
 
     def build(self, show: Callable[[str], None]) -> None:
@@ -155,7 +155,7 @@ def _checked_options(options: Any, file: str) -> dict[str, Any]:
 
 def _robot(problem: Problem, file: str) -> Robot:
     """Return the robot of the first model, whose state must be that of a whole body."""
-    model = problem.schedule.segments[0].model
+    model: Any = problem.schedule.segments[0].model
     robot = getattr(model, "robot", None)
     if isinstance(robot, Robot) and {joints.position, joints.velocity} <= set(model.state.slices):
         return robot

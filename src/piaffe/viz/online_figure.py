@@ -75,7 +75,10 @@ def _contacts(ax: Axes, episode: OnlineEpisode) -> None:
     step = np.append(episode.times, episode.end)
     for row, (name, colour) in enumerate(zip(names, colours(len(names)), strict=True)):
         planned = np.nan_to_num(episode.planned[:, row]) > 0.5
-        for flags, low, high, alpha in ((planned, row - 0.36, row, 0.4), (episode.touching[:, row], row, row + 0.36, 1)):
+        for flags, low, high, alpha in (
+            (planned, row - 0.36, row, 0.4),
+            (episode.touching[:, row], row, row + 0.36, 1),
+        ):
             held = np.append(flags, flags[-1:])
             ax.fill_between(step, low, high, where=held, step="post", color=colour, alpha=alpha, lw=0, label=name)
     ax.set_yticks(range(len(names)), names)
@@ -109,19 +112,21 @@ def _groups(names: Sequence[str]) -> list[tuple[str, list[int]]]:
     """Return three groups of joints: the first, second and third of every leg; else consecutive thirds."""
     count = len(names)
     if count % _PER_LEG == 0:
-        return [(f"torques, joint {i + 1} of the legs", list(range(i, count, _PER_LEG))) for i in range(_PER_LEG)]
+        return [(f"torques, joint {i + 1}", list(range(i, count, _PER_LEG))) for i in range(_PER_LEG)]
     thirds: list[NDArray[np.int_]] = np.array_split(np.arange(count), _PER_LEG)
     return [(f"torques, part {i + 1}", [int(each) for each in own]) for i, own in enumerate(thirds)]
 
 
 def _plans(axes: Sequence[Axes], episode: OnlineEpisode) -> None:
     plans = episode.plans
-    axes[0].plot(plans.times, 1e3 * plans.seconds, ".", ms=3, color=NEUTRAL, label="time of a plan")
-    axes[0].plot(episode.times, 1e3 * episode.ages, color=LEGS[1], lw=0.6, alpha=0.8, label="age of the acting plan")
+    axes[0].plot(plans.times, 1e3 * plans.seconds, ".", ms=3, color=NEUTRAL, label="processor time")
+    last = np.append(np.diff(episode.ages) < 0, True)[: len(episode.ages)]  # the last tick of every plan
+    axes[0].plot(episode.times[last], 1e3 * episode.ages[last], ".", ms=3, color=LEGS[1], label="largest age")
+    axes[0].set_ylim(bottom=0)
     _label(axes[0], "plans", "ms")
-    axes[1].plot(plans.times, plans.iterations, ".", ms=3, color=LEGS[0], label="of a plan")
+    axes[1].plot(plans.times[1:], plans.iterations[1:], ".", ms=3, color=LEGS[0])
     axes[1].set_ylim(0, _above(plans.iterations[1:]))
-    _label(axes[1], "iterations of plans (the first may be higher)", "")
+    _label(axes[1], "iterations of a plan after the first", "")
     axes[2].plot(episode.times, episode.qp_iterations, color=LEGS[2], lw=0.7)
     axes[2].set_ylim(0, _above(episode.qp_iterations))
     _label(axes[2], "iterations of the low level's program", "")
@@ -140,4 +145,8 @@ def _label(ax: Axes, title: str, unit: str) -> None:
 
 
 def _legend(ax: Axes) -> None:
-    ax.legend(loc="upper right", ncols=4, fontsize=6.5, handlelength=1.0, columnspacing=0.8)
+    """Draw the legend above the diagram, at the right of its title."""
+    ax.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0, ncols=4, fontsize=6.5, handlelength=1.0,
+        columnspacing=0.8, handletextpad=0.4,
+    )  # fmt: skip
