@@ -211,6 +211,9 @@ def print_online(console: Console, setup: OnlineSetup, values: Mapping[str, Any]
             str(row["fallbacks"]), _end(row),
         )  # fmt: skip
     console.print(shown)
+    for row in values["episodes"]:
+        if row["fell"]:
+            console.print(f"[red]seed {row['seed']}: {plain(row['fault'])}[/]", soft_wrap=True)
     good = values["successes"] == values["seeds"]
     console.print(
         f"[bold {'green' if good else 'red'}]success in {values['successes']} of {values['seeds']}[/]"
@@ -225,5 +228,5 @@ def _cell(row: Mapping[str, Any], name: str, digits: int) -> str:
 
 def _end(row: Mapping[str, Any]) -> str:
     if row["fell"]:
-        return f"[red]{plain(row['fault'])}[/]"
+        return "[red]fell[/]"
     return "[green]upright[/]" if row["upright"] else "[red]not upright[/]"
