@@ -1,7 +1,4 @@
-"""Mini Cheetah trots on MuJoCo: plans 50 times a second, torques 500 times a second; it speeds up, and turns.
-
-The weights were chosen by hand for five gaits at 0.5 m/s, from this initial state, at friction 0.7 and without noise.
-"""
+"""Mini Cheetah trots on MuJoCo: plans 50 times a second, torques 500 times a second; it speeds up, and turns."""
 
 from piaffe import models, ocp, simulation, solvers
 from piaffe.models import base, feet, joints
@@ -16,6 +13,7 @@ def swing(s):
     return 1 - s.feet.contact
 
 
+# The weights were chosen by hand for five gaits at 0.5 m/s, from this initial state, at friction 0.7 and without noise.
 trot = models.gaits.trot(speed=0.5, velocity_gain=0.05)  # [m/s], [s]
 objective = ocp.Objective(
     ocp.track(base.position, weight=(0, 0, 50)),
