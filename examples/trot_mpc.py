@@ -38,7 +38,7 @@ cascade = body.over(0.25, dt=0.01).without(effort) + srb.over(0.50, dt=0.05).wit
 problem = ocp.Problem(trot, cascade, objective + effort, limits, initial=body.state(joints="stand"))
 
 
-def main(seconds: float = 8.0) -> simulation.OnlineEpisode:
+def run(seconds: float = 8.0) -> simulation.OnlineEpisode:
     """Run the trot with two commands, and return the episode."""
     mpc = solvers.RecedingHorizon(problem)
     low = solvers.Vwbc(mpc.plan(problem.initial, 0.0), leave_out=("base.position x", "base.position y"))
@@ -46,11 +46,17 @@ def main(seconds: float = 8.0) -> simulation.OnlineEpisode:
     return simulation.run_online(mpc, low, simulation.Plant(robot, friction=0.7), seconds=seconds, commands=commands)
 
 
-if __name__ == "__main__":
-    episode = main()
+def main() -> float:
+    """Run the trot, print how it follows its commands, and return the speed before the first of them [m/s]."""
+    episode = run()
     for first, last in ((2.0, 3.0), (4.0, 5.0), (6.0, 8.0)):
         found = episode.tracking(first, last)
         print(
             f"{first:.0f} to {last:.0f} s: {found.velocity[0]:.3f} m/s of {found.commanded[0]:.2f}, "
             f"yaw {found.yaw_rate:+.3f} rad/s of {found.commanded_yaw_rate:+.2f}"
         )
+    return float(episode.tracking(2.0, 3.0).velocity[0])
+
+
+if __name__ == "__main__":
+    print(f"{main():.3f} m/s")

@@ -215,7 +215,7 @@ def test_the_cascade_begun_at_its_solution_is_there(load):
 
 
 def test_the_trot_keeps_its_speed_online(load):
-    episode = load("trot_mpc").main(seconds=3.0)
+    episode = load("trot_mpc").run(seconds=3.0)
     assert episode.success
     assert episode.tracking(2.0, 3.0).velocity[0] == pytest.approx(0.5, rel=0.05)
     assert episode.summary()["fallbacks"] == 0
