@@ -28,6 +28,7 @@ from .mujoco import payload as payload
 from .mujoco import restore_inertias as restore_inertias
 from .mujoco import torques as torques
 from .mujoco_import import import_mujoco as import_mujoco
+from .per_joint import per_joint as per_joint
 from .quantities import base as base
 from .quantities import com as com
 from .quantities import feet as feet

@@ -17,11 +17,17 @@ from .robot import Robot
 Array = NDArray[np.float64]
 
 
-def per_joint(robot: Robot, where: str, value: Any) -> Array:
-    """Return one number per joint, (n,), from a number, n numbers, or a mapping from labels that names every joint.
+def per_joint(robot: Robot, where: str, value: Any, *, finite: bool = True) -> Array:
+    """Return one number ≥ 0 per joint, (n,), from a number, n numbers, or a mapping from labels that names every joint.
+
+    Args:
+        robot: the robot.
+        where: the beginning of the error's text.
+        value: the numbers.
+        finite: whether infinity is refused.
 
     Raises:
-        ModelError: a number is missing, not finite or negative.
+        ModelError: a number is missing, negative or not a number.
     """
     numbers: Array = np.full(robot.num_joints, np.nan)
     if isinstance(value, Mapping):
@@ -31,10 +37,10 @@ def per_joint(robot: Robot, where: str, value: Any) -> Array:
         with suppress(TypeError, ValueError):
             numbers[:] = np.asarray(value, dtype=float)
     for name, number in zip(robot.joint_names, numbers, strict=True):
-        if not (np.isfinite(number) and number >= 0):
+        if np.isnan(number) or number < 0 or (finite and np.isinf(number)):
             raise ModelError(
                 f"{where} of '{robot.name}': no number for joint '{name}' - got {value!r}, expected one number, "
-                f"{robot.num_joints} numbers or a mapping from labels that names every joint, each finite and ≥ 0; "
-                "give them"
+                f"{robot.num_joints} numbers or a mapping from labels that names every joint, each "
+                f"{'finite and ' if finite else ''}≥ 0; give them"
             )
     return numbers

@@ -24,7 +24,6 @@ from .horizon import Horizon as Horizon
 from .horizon import Place as Place
 from .horizon import Span as Span
 from .horizon import moved_symbols as moved_symbols
-from .horizon import yaw_of as yaw_of
 from .language import ORIGIN as ORIGIN
 from .language import SAME_TIME as SAME_TIME
 from .language import TIME_STEP as TIME_STEP

@@ -29,7 +29,6 @@ INTERNAL: dict[str, dict[str, str]] = {
         "relative": "relates planar frames, for the receding horizon",
         "transform_value": "moves a quantity by a planar motion, for the receding horizon",
         "moved_symbols": "the same as CasADi expressions, for generated code",
-        "yaw_of": "the yaw of a quaternion as a CasADi expression, for generated code",
         "solve_implicit": "solves the implicit part of nodes, for the receding horizon",
         "Sample": _TYPE,
         "When": _TYPE,
@@ -56,6 +55,7 @@ INTERNAL: dict[str, dict[str, str]] = {
     "models": {
         "import_mujoco": "imports MuJoCo when it is needed",
         "recursions": "a module; its class Recursion is shown",
+        "per_joint": "reads one number per joint, for plants",
         "tree": "a module; its classes are shown",
     },
     "solvers": {},

@@ -6,4 +6,3 @@ from .course import Course as Course
 from .horizon import Horizon as Horizon
 from .spans import Span as Span
 from .targets import moved_symbols as moved_symbols
-from .targets import yaw_of as yaw_of

@@ -20,20 +20,17 @@ from ..language import (
     SCHEDULED,
     PlacedPhase,
     Problem,
-    Quantity,
-    Sample,
     model_of,
     relative,
 )
 from .calendar import Calendar, Place
-from .course import Course, Courses, PieceTable
+from .course import Course, Courses
+from .samples import Samples
 from .spans import Span, SpanLayout
-from .tables import LANDS, RESETS, Indices, RowStore, Tables, tracked_quantities
-from .targets import Copies, TargetVector
+from .tables import LANDS, RESETS, Indices, RowStore, Tables
+from .targets import Copies
 
 Array = NDArray[np.float64]
-
-_PERIODIC = 1e-7  # largest difference of the samples of two cycles
 
 
 class Horizon:
@@ -66,17 +63,12 @@ class Horizon:
         self.calendar = calendar = Calendar(problem.motion.pieces, problem.schedule)
         self.layout = SpanLayout(calendar, problem.schedule)
         self._refuse_ends_inside()
-        path = compilation.path
-        samples = [
-            [path.sample(entry.placed.start + j * calendar.tick, entry.placed) for j in range(entry.length + 1)]
-            for entry in calendar.entries
-        ]
-        self.targets = self._target_vector(samples)
-        self.tables = Tables(compilation, calendar, self.targets, samples)
+        samples = Samples(compilation, calendar)
+        self.targets = samples.targets
+        self.tables = Tables(compilation, calendar, self.targets, samples.at)
         self.state_copies = tuple(self.targets.state_copies(model) for model in self.models)
-        packed = [np.array([self.targets.pack(sample) for sample in own]) for own in samples]
-        pieces = [self._piece(number, samples, packed) for number in range(len(problem.motion.pieces))]
-        self.courses = Courses(self.models[0], calendar, self.targets, pieces, packed)
+        pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
+        self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)
         self._first = self.at(self.begin(problem.initial, 0.0), problem.initial)
         compilation.check_bound(self._first.phases, complete=False)
 
@@ -287,86 +279,6 @@ class Horizon:
         return PlacedPhase(
             own.phase, own.placed.piece, calendar.index(place), start, start + own.length * calendar.tick
         )  # fmt: skip
-
-    # ---- the tables of pieces
-
-    def _target_vector(self, samples: Sequence[Sequence[Sample]]) -> TargetVector:
-        """Return the quantities that nodes and guesses take from samples."""
-        sizes = tracked_quantities(self._compilation, self.calendar)
-        for model in self.models:
-            sizes |= {block.quantity.path: block.nx for block in model.state.blocks}
-        known: dict[str, Quantity] = {}
-        for own in samples:
-            known |= {quantity.path: quantity for quantity in own[0]}
-        for model in self.models:
-            known |= {block.quantity.path: block.quantity for block in model.state.blocks}
-            known |= {quantity.path: quantity for quantity in model.slots_from_motion.values()}
-        start = {quantity.path: value for quantity, value in self._compilation.start.items()}
-        quantities = tuple(known.get(path, Quantity(path)) for path in sizes)  # the tables name a missing one
-        initial = tuple(
-            np.broadcast_to(
-                np.asarray(start.get(q.path, np.eye(4)[0] if q.kind == "rotation" else 0.0), dtype=float), (size,)
-            )
-            for q, size in zip(quantities, sizes.values(), strict=True)
-        )
-        return TargetVector(quantities, tuple(sizes.values()), initial)
-
-    def _piece(self, number: int, samples: list[list[Sample]], packed: Sequence[Array]) -> PieceTable:
-        calendar, model = self.calendar, self.models[0]
-        entries = [e for e, entry in enumerate(calendar.entries) if entry.placed.piece == number]
-        first, last = samples[entries[0]][0], samples[entries[-1]][-1]
-        self._add_slots(entries, samples, packed)
-        functions = self._compilation.path.placed[number].reference.functions()
-        if functions is not None:
-            schedules = np.array([functions.schedule(calendar.entries[e].placed.index) for e in entries])
-            places = self.targets.of_function(functions.quantities)
-            start = np.zeros(0)
-            if entries[0]:
-                before = samples[entries[0] - 1][-1]
-                kinds = tuple((quantity, int(np.size(value))) for quantity, value in before.items())
-                stacked = np.concatenate([np.ravel(value) for value in before.values()])
-                start = np.asarray(functions.pick(kinds)(stacked), dtype=float).ravel()
-            return PieceTable(
-                functions, places, schedules, start, model.planar_frame(first), model.planar_frame(last), ORIGIN
-            )
-        turn = self._turn(number, samples, packed)
-        none = np.zeros((len(entries), 0))
-        return PieceTable(None, (), none, np.zeros(0), model.planar_frame(first), model.planar_frame(last), turn)
-
-    def _add_slots(self, entries: Sequence[int], samples: list[list[Sample]], packed: Sequence[Array]) -> None:
-        """Write what a model's slots take from the motion where a sample has no such quantity."""
-        compilation, calendar, slices = self._compilation, self.calendar, self.targets.slices
-        for segment in self.problem.schedule.segments:
-            model = model_of(segment)
-            for name, quantity in model.slots_from_motion.items():
-                for e in entries:
-                    entry = calendar.entries[e]
-                    for j, sample in enumerate(samples[e]):
-                        if quantity not in sample:
-                            node = compilation.plain_node(model, entry.placed, sample)
-                            packed[e][j, slices[quantity.path]] = model.node_parameters(node)[name]
-
-    def _turn(
-        self, number: int, samples: Sequence[Sequence[Sample]], packed: Sequence[Array]
-    ) -> tuple[float, float, float]:
-        """Return the planar motion of a cycle of an endless piece; raise if its targets do not repeat."""
-        calendar, model = self.calendar, self.models[0]
-        piece = self.problem.motion.pieces[number]
-        if not piece.is_endless:
-            return ORIGIN
-        n = len(piece.cycle)
-        frames = [model.planar_frame(samples[len(samples) - i * n][0]) for i in (2, 1)]
-        turn = relative(frames[1], frames[0])
-        for e in range(len(samples) - n, len(samples)):
-            difference = np.abs(self.targets.moved(packed[e - n], turn) - packed[e]).max(initial=0.0)
-            if difference > _PERIODIC:
-                phase = calendar.entries[e].phase
-                raise ProblemError(
-                    f"phase '{phase.name}' ({phase.source}): its targets do not repeat - got a difference of "
-                    f"{difference:.3g} between two cycles, expected cycles that are equal up to a motion in the plane; "
-                    "choose a number of cycles with .cycles(n), or a reference that repeats"
-                )
-        return turn
 
     def _refuse_ends_inside(self) -> None:
         """Raise if a phase with a reset or ``until`` may end inside a part of the horizon."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as cs
@@ -42,7 +43,7 @@ class TargetVector:
         """Number of entries of a sample vector."""
         return sum(self.sizes)
 
-    @property
+    @cached_property
     def slices(self) -> Mapping[str, slice]:
         """The slice of each quantity, by its path."""
         ends = np.cumsum([0, *self.sizes])
@@ -109,9 +110,3 @@ def moved_symbols(parts: Sequence[tuple[Quantity, cs.SX]], motion: cs.SX) -> lis
             value = cs.vertcat(*rows)
         found.append(value)
     return found
-
-
-def yaw_of(q: cs.SX) -> cs.SX:
-    """Return the yaw angle of a unit quaternion, as :func:`rotation.np_to_rpy` defines it [rad]."""
-    w, x, y, z = cs.vertsplit(q)
-    return cs.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

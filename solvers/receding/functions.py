@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as cs
 
-from piaffe.ocp import Horizon, LoweredTransition, Manifold, ModelBase, moved_symbols, yaw_of
+from piaffe.ocp import Horizon, LoweredTransition, Manifold, ModelBase, moved_symbols, rotation
 
 
 def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
@@ -39,7 +39,7 @@ def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
     found["moved_sample"] = _function("moved_sample", [s, motion], moved_symbols(parts, motion))
     x = cs.SX.sym("x", head.state.nx)
     position, orientation = (x[head.state.slices[quantity]] for quantity in head.planar_pose)
-    found["pose"] = _function("pose", [x], [position[0], position[1], yaw_of(orientation)])
+    found["pose"] = _function("pose", [x], [position[0], position[1], rotation.to_rpy(orientation)[2]])
     return found
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
-from piaffe.models import Robot
+from piaffe.models import Robot, per_joint
 
-from .numbers import finite_number, per_joint, whole_steps
+from .numbers import finite_number, whole_steps
 
 Array = NDArray[np.float64]
 
