@@ -10,38 +10,20 @@ from time import thread_time
 from typing import Any
 
 import numpy as np
+from cascade import HEAD, HEAD_DT, SPEED, declaration
 from common import arguments, surroundings, tell
 
 from piaffe import models, ocp, solvers
-from piaffe.models import base, feet, joints
 
 TICKS = 400
 
 
 def problem() -> ocp.Problem:
-    """Return the trot with a cascade of models."""
-    robot = models.load("mini_cheetah")
-    body, srb = models.WholeBody(robot), models.SingleRigidBody(robot)
-    objective = ocp.Objective(
-        ocp.track(base.position, weight=(0, 0, 50)),
-        ocp.track(base.orientation, weight=(2, 2, 1)),
-        ocp.track(base.linear_velocity, weight=2.0),
-        ocp.track(base.angular_velocity, weight=(2, 2, 1)),
-        ocp.track(joints.position, weight=1.0),
-        ocp.track(joints.velocity, weight=0.01),
-        ocp.track(feet.position, weight=10.0, mask=lambda s: 1 - s.feet.contact),
-        ocp.regularize(joints.torque, weight=0.02),
-        models.soft_landing(weight=1.0),
-    )
-    limits = ocp.Constraints(
-        models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits(), models.joint_speed_limits(),
-        models.base_height(minimum=0.13), models.foot_clearance(minimum=0.0),
-    )  # fmt: skip
-    effort = ocp.track(feet.force, weight=0.01)
-    schedule = body.over(0.25, dt=0.01).without(effort) + srb.over(0.50, dt=0.05).without(limits)
-    return ocp.Problem(
-        models.gaits.trot(speed=0.5), schedule, objective + effort, limits, initial=body.state(joints="stand")
-    )
+    """Return a trot with the cascade of models and the terms of ``cascade.py``."""
+    body, srb, walking, effort, limits = declaration()
+    schedule = body.over(HEAD, dt=HEAD_DT).without(effort) + srb.over(0.50, dt=0.05).without(limits)
+    initial = body.state(joints="stand")
+    return ocp.Problem(models.gaits.trot(speed=SPEED), schedule, walking + effort, limits, initial=initial)
 
 
 def main(repeats: int = 3, json: bool = False, save: bool = False) -> dict[str, Any]:

@@ -108,7 +108,7 @@ from .language import run_file as run_file
 from .language import split_entries as split_entries
 from .language import split_spec as split_spec
 from .language import track as track
-from .language import transform_value as transform_value
+from .language import transform_state as transform_state
 from .reports import BOUNDS as BOUNDS
 from .reports import ConstraintReport as ConstraintReport
 from .reports import CostReport as CostReport

@@ -27,7 +27,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "Span": "a part of a horizon, for the receding horizon",
         "composed": "composes planar motions, for the receding horizon",
         "relative": "relates planar frames, for the receding horizon",
-        "transform_value": "moves a quantity by a planar motion, for the receding horizon",
+        "transform_state": "moves states by a planar motion, for the receding horizon",
         "moved_symbols": "the same as CasADi expressions, for generated code",
         "solve_implicit": "solves the implicit part of nodes, for the receding horizon",
         "Sample": _TYPE,

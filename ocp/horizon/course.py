@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..language import ORIGIN, ModelBase, PlanarFrame, ReferenceFunctions, composed, relative, transform_value
+from ..language import ORIGIN, ModelBase, PlanarFrame, ReferenceFunctions, composed, relative, transform_state
 from .calendar import Calendar, Place
 from .targets import TargetVector
 
@@ -35,6 +35,12 @@ class PieceTable:
     first: PlanarFrame
     last: PlanarFrame
     turn: PlanarFrame
+
+    def commanded(self, commands: Mapping[str, float]) -> Array:
+        """Return the command of the functions: commanded values by name, else the declared ones."""
+        assert self.functions is not None  # a table has no command
+        declared = zip(self.functions.commands, self.functions.command, strict=True)
+        return np.array([commands.get(name, value) for name, value in declared], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +120,7 @@ class Courses:
         else:
             anchor = pose
             start = functions.start(self.moved(x, relative(ORIGIN, anchor)))
-            memory = _column(functions.begin(start, self._command(functions, commands)))
+            memory = _column(functions.begin(start, self.pieces[number].commanded(commands)))
         return Course(k, place, anchor, ORIGIN, ORIGIN, memory, dict(commands))
 
     def advance(self, course: Course, x: Array, k: int) -> Course:
@@ -137,7 +143,7 @@ class Courses:
         memory = functions.move(course.memory, np.array(moved))
         memory = functions.advance(
             memory, (k - course.tick) * calendar.tick, self.moved(x, relative(ORIGIN, pose)),
-            self._command(functions, course.commands), (place.start - k) * calendar.tick, self._schedule(place),
+            piece.commanded(course.commands), (place.start - k) * calendar.tick, self._schedule(place),
         )  # fmt: skip
         return Course(k, place, pose, moved, ORIGIN, _column(memory), course.commands)
 
@@ -159,8 +165,7 @@ class Courses:
 
     def moved(self, x: Array, motion: PlanarFrame) -> Array:
         """Return states of the first model (..., nx) moved by a planar motion."""
-        state = self.model.state
-        return state.pack({q: transform_value(q, value, motion) for q, value in state.unpack(x).items()})
+        return transform_state(self.model.state, x, motion)
 
     # ---- one piece
 
@@ -192,7 +197,7 @@ class Courses:
         frame = relative(end, after.first)
         if after.functions is None:
             return _Ahead(frame, np.zeros(0), start)
-        command = self._command(after.functions, commands)
+        command = after.commanded(commands)
         if piece.functions is None:
             memory = after.functions.move(_column(after.functions.begin(after.start, command)), np.array(frame))
         else:
@@ -210,11 +215,6 @@ class Courses:
 
     def _cycle(self, place: Place) -> int:
         return self.calendar.cycles(place)
-
-    @staticmethod
-    def _command(functions: ReferenceFunctions, commands: Mapping[str, float]) -> Array:
-        declared = zip(functions.commands, functions.command, strict=True)
-        return np.array([commands.get(name, value) for name, value in declared], dtype=float)
 
 
 def _column(values: object) -> Array:

@@ -5,6 +5,7 @@ from .frame import ORIGIN as ORIGIN
 from .frame import PlanarFrame as PlanarFrame
 from .frame import composed as composed
 from .frame import relative as relative
+from .frame import transform_state as transform_state
 from .frame import transform_value as transform_value
 from .initial import initial_state as initial_state
 from .interpolation import interpolate as interpolate

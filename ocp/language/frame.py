@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import rotation
+from .manifold import Manifold
 from .model import Sample
 from .quantity import Quantity
 
@@ -50,6 +51,11 @@ def transform_value(quantity: Quantity, value: Array, frame: PlanarFrame) -> Arr
         points[..., 0] += x
         points[..., 1] += y
     return points.reshape(value.shape)
+
+
+def transform_state(space: Manifold, x: Array, frame: PlanarFrame) -> Array:
+    """Return states, or controls, (..., nx) transformed by a planar motion."""
+    return space.pack({q: transform_value(q, value, frame) for q, value in space.unpack(x).items()})
 
 
 def transform(sample: Sample, frame: PlanarFrame) -> dict[Quantity, Array]:

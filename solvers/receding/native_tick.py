@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -10,73 +9,63 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import Horizon, PlanarFrame
-
-from ..ilqr import STATUS, Options
-from .memory import HEADER, PART, RecedingMemory, Slot
+from ..ilqr import STATUS
+from .memory import RecedingMemory
 from .plan import Plan, PlannedPhase
+from .plan_memory import PlanMemory, PlanPool
 
 Array = NDArray[np.float64]
 
 _TICKS = ("numbers", "solve", "policy")
+HEADER, PART, NUM_FIGURES = 5, 23, 16
+"""Entries of a plan's header, entries per part, and figures; as in ``receding.h``."""
 
 
 class NativeTick:
-    """Ticks in C. A plan's memory is used again once nothing refers to the plan.
+    """Ticks in C.
 
     Args:
-        horizon: the problem at any time.
-        options: of the solves.
-        latency: of plans [s].
-        iterations, first_iterations: of later plans and of the first.
+        memory: what the ticks work on.
     """
 
-    def __init__(
-        self, horizon: Horizon, options: Options, latency: float, iterations: int, first_iterations: int
-    ) -> None:
-        self.horizon = horizon
-        self.memory = RecedingMemory(horizon, options, latency, iterations, first_iterations)
-        self._free: list[Slot] = []
-        self.plan: Plan | None = None
+    def __init__(self, memory: RecedingMemory) -> None:
+        self.memory, self.horizon, self.pool = memory, memory.horizon, PlanPool()
+        self._last: Plan | None = None  # the next tick in C reads it, so its memory must not be used again before
 
     def __call__(self, x: Array, t: float, commands: Mapping[str, float]) -> Plan:
         """Return a plan from a state in the world (nx,) that was measured at time t [s]."""
-        for piece, values in zip(self.horizon.courses.pieces, self.memory.commands, strict=True):
+        for piece, values in zip(self.horizon.courses.pieces, self.memory.tables.commands, strict=True):
             if piece.functions is not None:
-                declared = zip(piece.functions.commands, piece.functions.command, strict=True)
-                values[:] = [commands.get(name, value) for name, value in declared]
-        slot = self._free.pop() if self._free else self.memory.slot()
-        code = self.memory.plan(x, t, slot)
-        if code:
-            self._free.append(slot)
-            self.horizon.checked(x)
-            raise self.horizon.outside(t)
-        header, figures = slot.header, slot.numbers
+                values[:] = piece.commanded(commands)
+        own = self.pool.take() or self.memory.plan_memory()
+        if self.memory.plan(x, t, own):
+            self.pool.give(own)
+            raise self.horizon.outside(t)  # a state that is not finite has been refused before
+        header, figures = own.header, own.numbers[:NUM_FIGURES].tolist()
         plan = Plan(
-            horizon=self.horizon, parts=_Parts(self.memory, slot), anchor=_frame(figures[0:3]),
-            moved=_frame(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
-            cost=float(figures[6]), max_defect=float(figures[7]), max_equality=float(figures[8]),
-            max_inequality=float(figures[9]), seconds=dict(zip(_TICKS, figures[11:14].tolist(), strict=True)),
-            measured_at=t, memory=slot,
+            horizon=self.horizon, parts=_Parts(self.memory, own), anchor=tuple(figures[0:3]),
+            moved=tuple(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
+            cost=figures[6], max_defect=figures[7], max_equality=figures[8], max_inequality=figures[9],
+            seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=t,
         )  # fmt: skip
-        weakref.finalize(plan, self._free.append, slot)
-        self.plan = plan
+        self.pool.follow(plan, own)
+        self._last = plan
         return plan
 
     def reset(self) -> None:
         """Forget the last plan."""
-        self.plan = None
+        self._last = None
         self.memory.reset()
 
 
 class _Parts(Sequence[PlannedPhase]):
     """The phases of a plan in C memory, as views that are made on first use."""
 
-    def __init__(self, memory: RecedingMemory, slot: Slot) -> None:
-        self._memory, self._slot = memory, slot
+    def __init__(self, memory: RecedingMemory, own: PlanMemory) -> None:
+        self._memory, self._own = memory, own
 
     def __len__(self) -> int:
-        return int(self._slot.header[0])
+        return int(self._own.header[0])
 
     def __getitem__(self, index: Any) -> Any:
         return self._all[index]
@@ -86,9 +75,9 @@ class _Parts(Sequence[PlannedPhase]):
         return tuple(self._part(i) for i in range(len(self)))
 
     def _part(self, i: int) -> PlannedPhase:
-        memory, slot = self._memory, self._slot
+        memory, own = self._memory, self._own
         segment, number, entry, mode_number, n, _, link, flags, _, *at = (
-            slot.header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
+            own.header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
         )  # fmt: skip
         mode = memory.modes[mode_number]
         transition = memory.links[link] if link >= 0 else None
@@ -99,14 +88,10 @@ class _Parts(Sequence[PlannedPhase]):
             (0 if transition is None else transition.layout.size,),
         )  # fmt: skip
         times, x, u, k, K, Q_x, Q_u, Q_xx, Q_ux, Q_uu, p, g_mask, h_mask, p_transition = (
-            slot.numbers[first : first + int(np.prod(shape))].reshape(shape)
+            own.numbers[first : first + int(np.prod(shape))].reshape(shape)
             for first, shape in zip(at, shapes, strict=True)
         )
         return PlannedPhase(
             segment, number, memory.horizon.calendar.entries[entry].phase.name, mode, times, x, u, k, K, Q_x, Q_u,
             Q_xx, Q_ux, Q_uu, p, g_mask, h_mask, transition, p_transition, bool(max(flags, 0) & 1),
         )  # fmt: skip
-
-
-def _frame(values: Array) -> PlanarFrame:
-    return float(values[0]), float(values[1]), float(values[2])

@@ -60,6 +60,8 @@ class NumpyTick:
         spans = horizon.layout.at(course.tick)
         states, controls, fresh = shifted(problem, spans, last, course.moved, start)
         options = replace(self.options, max_iterations=iterations)
+        if last is None:
+            options = replace(options, time_limit_s=None)  # the first plan has no limit of time
         lands = [False, *(phase.lands for phase in problem.phases[:-1])]
         shooting = [
             np.full(len(own), not (last is not None and new and landed))

@@ -12,6 +12,7 @@ from piaffe.errors import ProblemError, SolverError
 from piaffe.ocp import SAME_TIME, Horizon, Problem
 
 from ..ilqr import Backend, Fixed, Options
+from .memory import RecedingMemory
 from .native_tick import NativeTick
 from .numpy_tick import NumpyTick
 from .plan import Plan
@@ -36,7 +37,13 @@ class RecedingHorizon:
         barrier: a barrier that plans keep.
         latency: time from a measured state to the first effect of its plan [s].
         options: further options of the solver.
-        first_iterations: iterations of the first plan.
+        first_iterations: iterations of the first plan, which has no limit of time.
+        backend: ``"native"``: a tick is one function in C; ``"numpy"`` is the readable reference.
+
+    Raises:
+        SolverError: an argument is out of range.
+        ProblemError: the problem does not compile, or its time steps and phases do not fit.
+        NoCompilerError: the backend is native, and no compiler works.
     """
 
     def __init__(
@@ -65,17 +72,14 @@ class RecedingHorizon:
                 f"receding horizon: latency is out of range - got {latency:g} s, expected 0 or more; change it"
             )
         self.period, self.iterations, self.latency = period, iterations, latency
-        self.first_iterations = first_iterations
-        base = options or Options(penalty=1000.0)
-        self.options = (barrier or Fixed(0.05, 0.1)).options(base)
-        self.budget_s = budget_s
-        self.backend = backend
-        self._numpy = NumpyTick(horizon, self.options) if backend == "numpy" else None
-        self._native = (
-            NativeTick(horizon, replace(self.options, time_limit_s=budget_s), latency, iterations, first_iterations)
-            if backend == "native"
-            else None
-        )
+        self.first_iterations, self.backend = first_iterations, backend
+        fixed = (barrier or Fixed(0.05, 0.1)).options(options or Options(penalty=1000.0))
+        self.options = replace(fixed, time_limit_s=budget_s)
+        self._numpy = self._native = None
+        if backend == "numpy":
+            self._numpy = NumpyTick(horizon, self.options)
+        else:
+            self._native = NativeTick(RecedingMemory(horizon, self.options, latency, iterations, first_iterations))
         self._commands: dict[str, float] = {}
         self._last_start: float | None = None
 
@@ -118,7 +122,7 @@ class RecedingHorizon:
             ShapeError: the state has another size.
         """
         state = self.horizon.checked(x)
-        if self._last_start is not None and t + self.latency < self._last_start - self.horizon.dt:
+        if self._last_start is not None and t + self.latency <= self._last_start - self.horizon.dt + SAME_TIME:
             raise ProblemError(
                 f"receding horizon: time goes back - got {t:g} s after a plan that began at {self._last_start:g} s, "
                 "expected a later one; call reset() before another episode"

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import SAME_TIME, CompiledProblem, Manifold, PlanarFrame, Span, transform_value
+from piaffe.ocp import SAME_TIME, CompiledProblem, Manifold, PlanarFrame, Span, transform_state
 
 from .plan import Plan, PlannedPhase
 
@@ -41,29 +41,20 @@ def shifted(
             if part.mode.state is space and (part.number == span.place.number or not cut)
         ]
         fresh.append(not own)
-        move, move_control = mover(space, moved), mover(phase.mode.model.control, moved)
         for k, t in enumerate(phase.times):
             part = _containing(own, float(t))
             if part is not None:
-                xs[k] = move(_state(part, float(t), space))
+                xs[k] = transform_state(space, _state(part, float(t), space), moved)
         for k, t in enumerate(phase.times[:-1]):
             earlier = [part for part in own if part.times[0] <= t + SAME_TIME]
             if earlier:
                 part = earlier[-1]
                 j = int(np.searchsorted(part.times, t + SAME_TIME, side="right")) - 1
                 if cut or j < len(part.controls):
-                    us[k] = move_control(part.controls[min(j, len(part.controls) - 1)])
+                    control = part.controls[min(j, len(part.controls) - 1)]
+                    us[k] = transform_state(phase.mode.model.control, control, moved)
     states[0][0] = x
     return states, controls, fresh
-
-
-def mover(space: Manifold, motion: PlanarFrame) -> Callable[[Array], Array]:
-    """Return the function that moves states, or controls, by a planar motion."""
-
-    def move(x: Array) -> Array:
-        return space.pack({q: transform_value(q, value, motion) for q, value in space.unpack(x).items()})
-
-    return move
 
 
 def _containing(parts: Sequence[PlannedPhase], t: float) -> PlannedPhase | None:

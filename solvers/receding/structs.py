@@ -109,7 +109,7 @@ class Plan(ct.Structure):
 class Arena(ct.Structure):
     """See the header."""
 
-    _fields_ = fields((_P, "base"), (ct.c_size_t, "size used"))
+    _fields_ = fields((_P, "base"), (ct.c_size_t, "used"))
 
 
 class Receding(ct.Structure):
@@ -118,8 +118,8 @@ class Receding(ct.Structure):
     _fields_ = [
         ("horizon", _P), ("course", Course), ("has_plan", ct.c_int), ("last", Plan), ("options", OptionsStruct),
         ("latency", ct.c_double),
-        *fields((ct.c_int, "first_iterations iterations max_phases max_nodes max_samples")),
+        *fields((ct.c_int, "first_iterations iterations")),
         ("arena", Arena),
-        *fields((_P, "problem spans nodes samples frames memories nows"), (ct.c_int, "most_memory")),
-        *fields((_P, "scratch rows x x_next lanes work")),
+        *fields((_P, "problem spans nodes firsts samples frames memories nows"), (ct.c_int, "most_memory")),
+        *fields((_P, "scratch rows x lanes work")),
     ]  # fmt: skip

@@ -49,23 +49,19 @@ static long lay_plan(const Receding *r, int count, long *header)
 
 static int lay(Receding *r, long k)
 {
-    int count = lay_spans(r->horizon, k, r->spans);
-    Node *at = r->nodes;
+    int count = lay_spans(r->horizon, k, r->spans), at = 0;
     for (int i = 0; i < count; i++) {
-        lay_nodes(r->horizon, &r->spans[i], at);
+        r->firsts[i] = at;
+        lay_nodes(r->horizon, &r->spans[i], r->nodes + at);
         at += r->spans[i].stages + 1;
     }
     return count;
 }
 
-void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries, int *phases, int *nodes)
+void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries)
 {
     Arena measure = {0};
-    int count = lay_spans(r->horizon, k, r->spans);
-    *phases = count, *nodes = 0;
-    for (int i = 0; i < count; i++) *nodes += r->spans[i].stages + 1;
-    if (!r->nodes) return;
-    count = lay(r, k);
+    const int count = lay(r, k);
     lay_out(r, &measure, count);
     *bytes = measure.used + 64;
     *numbers = lay_plan(r, count, NULL);
@@ -156,6 +152,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     memcpy((double *)pr->initial, start, sizeof start);
     pr->options = r->options;
     pr->options.max_iterations = r->has_plan ? r->iterations : r->first_iterations;
+    if (!r->has_plan) pr->options.time_limit_s = 0.0; /* the first plan has no limit of time */
     pr->num_records = pr->cancel = 0;
     const double filled = seconds_now();
     int status = h->solve(pr, 0);

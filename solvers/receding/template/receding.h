@@ -97,7 +97,7 @@ typedef struct {
 
 typedef struct {
     unsigned char *base;
-    size_t size, used;
+    size_t used;
 } Arena;
 
 /* A node of the horizon. */
@@ -124,17 +124,18 @@ typedef struct {
     Plan last;                          /* the last plan, which the caller keeps until the next tick is over */
     Options options;
     double latency;
-    int first_iterations, iterations, max_phases, max_nodes, max_samples;
+    int first_iterations, iterations;
     Arena arena;                        /* of the solver's memory, laid out again at every tick */
     Problem *problem;
     Span *spans;
-    Node *nodes;
-    double *samples;                    /* (max_nodes, num_targets) */
+    Node *nodes;                        /* of all parts, one part after another */
+    int *firsts;                        /* per part, its first node */
+    double *samples;                    /* per node, (num_targets) */
     double *frames, *memories;          /* of the pieces in the horizon: (num_pieces, 3), (num_pieces, most memory) */
     long *nows;
     int most_memory;
     Block *scratch;                     /* one node of each mode, then of each transition */
-    double *rows, *x, *x_next;          /* a parameter row; states */
+    double *rows, *x;                   /* a parameter row; a state */
     vd *lanes, *work;                   /* inputs and outputs of functions; their work arrays */
 } Receding;
 
@@ -142,5 +143,5 @@ typedef struct {
 enum { PLANNED, OUTSIDE, NOT_FINITE_STATE };
 int receding_plan(Receding *r, const double *x, double t, const Plan *plan);
 /* Bytes of the solver's memory, and numbers and header entries of a plan, for a horizon that begins at a tick. */
-void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries, int *phases, int *nodes);
+void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries);
 #endif

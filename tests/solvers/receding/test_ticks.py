@@ -87,7 +87,7 @@ def make_equal(native, got, numpy, expected):
     for own, other in zip(got.parts, expected.parts, strict=True):
         own.states[:], own.controls[:], own.feedback[:] = other.states, other.controls, other.feedback
     memory = numpy._numpy.course.memory
-    native._native.memory._memory[: memory.size] = memory
+    native._native.memory.memory[: memory.size] = memory
 
 
 MOTIONS = {
@@ -181,7 +181,41 @@ def test_plans_keep_their_numbers_and_memory_is_used_again():
         mpc.plan(declared.initial, 0.02 * k)
     assert all(np.array_equal(plan.parts[0].states, x) for plan, x in zip(kept, states, strict=True))
     gc.collect()
-    assert len(mpc._native._free) <= 2  # those of plans that nobody keeps
+    assert len(mpc._native.pool) <= 2  # those of plans that nobody keeps
+
+
+def test_an_array_keeps_its_numbers_without_its_plan():
+    declared = problem(models.gaits.trot(speed=0.4))
+    mpc = solvers.RecedingHorizon(declared, first_iterations=2, iterations=1)
+    states = mpc.plan(declared.initial, 0.0).parts[0].states
+    before = states.copy()
+    for k in range(1, 10):
+        mpc.plan(declared.initial, 0.02 * k)
+    assert np.array_equal(states, before)
+
+
+def test_the_frame_of_a_plan_is_that_of_its_anchor():
+    declared = problem(models.gaits.trot(speed=0.4))
+    mpc = solvers.RecedingHorizon(declared, first_iterations=1)
+    space, rng = mpc.horizon.models[0].state, np.random.default_rng(5)
+    x = mpc.horizon.courses.moved(np.array(declared.initial), (2.0, -1.0, 2.0))
+    plan = mpc.plan(x, 0.0)
+    for _ in range(20):
+        y = space.np_plus(x, rng.standard_normal(space.ndx))
+        assert np.allclose(plan.local(y), ocp.transform_state(space, y, ocp.relative(ocp.ORIGIN, plan.anchor)))
+        assert np.allclose(plan.world(plan.local(y)), y)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_the_budget_holds_for_plans_after_the_first(backend):
+    declared = problem(models.gaits.trot(speed=0.4))
+    mpc = solvers.RecedingHorizon(declared, budget_s=1e-9, first_iterations=3, backend=backend)
+    first = mpc.plan(declared.initial, 0.0)
+    assert first.iterations == 3
+    assert first.status is solvers.Status.ITERATION_LIMIT
+    second = mpc.plan(declared.initial, 0.02)
+    assert second.iterations == 0
+    assert second.status is solvers.Status.TIME_LIMIT
 
 
 def test_reset_makes_the_first_plan_again():
@@ -239,6 +273,7 @@ def test_calls_are_checked():
     with pytest.raises(UnknownNameError, match=r"no command 'sped'"):
         mpc.command(sped=1.0)
     later = mpc.plan(x, 0.5)
-    with pytest.raises(ProblemError, match=r"time goes back"):
-        mpc.plan(x, 0.1)
+    for t in (0.1, 0.49):
+        with pytest.raises(ProblemError, match=r"time goes back"):
+            mpc.plan(x, t)
     assert later.start == 0.5

@@ -1,0 +1,35 @@
+"""The compiled library of a receding horizon: generated functions of its problem, and a template."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+from piaffe.codegen import SOLVER_FLAGS, build, generate, load
+
+from ..ilqr import TEMPLATES, constants_header
+
+_FILES = ("receding.h", "calendar.inc", "course.inc", "layout.inc", "numbers.inc", "shift.inc", "predict.inc")
+
+
+@lru_cache(maxsize=8)
+def receding_library(functions: tuple[tuple[str, Any], ...], width: int) -> tuple[ct.CDLL, Mapping[str, int]]:
+    """Return the library, and the size of the work array of each function.
+
+    Args:
+        functions: name and function of each, see :func:`generated_functions`.
+        width: doubles per vector, that of the solver's library.
+    """
+    made = generate(dict(functions))
+    template = files(__package__).joinpath("template")
+    texts = {name: template.joinpath(name).read_text(encoding="utf-8") for name in (*_FILES, "receding.c")}
+    shared = {name: TEMPLATES[name] for name in ("piaffe.h", "manifold.inc")}
+    headers = {**made.headers, **shared, **{name: texts[name] for name in _FILES}, "constants.h": constants_header()}
+    units = [*((unit.name, unit.text) for unit in made.units), ("receding", texts["receding.c"])]
+    built = build(
+        units, headers=headers, flags_per_unit={"receding": SOLVER_FLAGS}, width=width, label="receding horizon"
+    )
+    return load(built), made.work

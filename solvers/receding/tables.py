@@ -1,0 +1,129 @@
+"""The tables of ``ocp.Horizon`` in memory for C, and the libraries that work on them."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.ocp import TIME_STEP, Horizon, LoweredMode, LoweredTransition
+
+from ..ilqr import library_of
+from . import structs as s
+from .functions import generated_functions, spaces
+from .keeper import Keeper
+from .program import receding_library
+
+Array = NDArray[np.float64]
+
+
+class HorizonMemory(Keeper):
+    """The tables of a horizon in C.
+
+    Args:
+        horizon: the problem at any time.
+
+    Attributes:
+        modes, links: the modes and transitions, in the order of their numbers.
+        solver, library: the libraries of the solver and of the receding horizon; width: doubles per vector of both.
+        functions: the generated functions, by name. work: the size of the work array of each.
+        commands: per piece, the commands that its functions read.
+        c: the structure.
+    """
+
+    def __init__(self, horizon: Horizon) -> None:
+        super().__init__()
+        self.horizon, tables = horizon, horizon.tables
+        self.modes = tuple(each.lowered for each in tables.modes if isinstance(each.lowered, LoweredMode))
+        self.links = tuple(each.lowered for each in tables.transitions if isinstance(each.lowered, LoweredTransition))
+        self.solver, _ = library_of(self.modes, self.links)
+        self.width = self.solver.built.width
+        self.functions = generated_functions(horizon)
+        self.library, self.work = receding_library(tuple(self.functions.items()), self.width)
+        self.commands: list[Array] = []
+        self.c = self._tables()
+
+    def _address(self, name: str) -> int | None:
+        """Return the address of a generated function; None if there is no such function."""
+        if name not in self.functions:
+            return None
+        return ct.cast(getattr(self.library, name), ct.c_void_p).value
+
+    def _copies(self, copies: Any) -> s.Copies:
+        return s.Copies(len(copies.to), self.ints(copies.to), self.ints(copies.of))
+
+    def _tables(self) -> s.HorizonTables:
+        horizon = self.horizon
+        calendar, tables = horizon.calendar, horizon.tables
+        own = spaces(horizon)
+        segments = []
+        for i, (segment, table) in enumerate(zip(horizon.problem.schedule.segments, tables.segments, strict=True)):
+            window = horizon.layout.windows[i]
+            segments.append(s.Segment(
+                calendar.steps[i], -1 if window is None else window, int(horizon.layout.cut[i]),
+                own.index(horizon.models[i]), len(table.stage), segment.dt, self.ints(table.first),
+                self.ints(table.mode), self.ints(table.stage), self.ints(table.end), self.ints(table.link),
+                self.doubles(table.controls), self._copies(horizon.state_copies[i]),
+            ))  # fmt: skip
+        entries = [
+            s.Entry(entry.placed.piece, entry.length, following, entry.start)
+            for entry, following in zip(calendar.entries, calendar.following, strict=True)
+        ]
+        samples = np.concatenate(horizon.courses.tables)
+        frames = [
+            horizon.models[0].planar_frame(horizon.targets.unpack(row))
+            for row in samples
+        ]  # fmt: skip
+        modes = [self._store(i, store, "mode") for i, store in enumerate(tables.modes)]
+        links = [self._store(i, store, "transition") for i, store in enumerate(tables.transitions)]
+        of_modes = [self._table(f"mode{i}_table") for i in range(len(modes))]
+        of_links = [self._table(f"transition{i}_table") for i in range(len(links))]
+        solver = self.solver.loaded
+        return s.HorizonTables(
+            tick=calendar.tick, total=-1 if np.isinf(calendar.total) else int(calendar.total),
+            period=calendar.period, num_entries=len(entries), cycle=calendar.cycle,
+            num_pieces=len(horizon.courses.pieces), num_segments=len(segments), num_targets=horizon.targets.size,
+            num_modes=len(modes), num_transitions=len(links), entries=self.array(s.Entry, entries),
+            segments=self.array(s.Segment, segments), pieces=self.array(s.Piece, self._pieces()),
+            spaces=self.array(s.Space, [
+                s.Space(self._address(f"space{i}_state"), self._address(f"space{i}_control"), m.state.nx, m.control.nx)
+                for i, m in enumerate(own)
+            ]),
+            samples=self.doubles(samples), frames=self.doubles(frames),
+            initial=self.doubles(np.concatenate([np.zeros(0), *map(np.ravel, horizon.targets.initial)])),
+            modes=self.array(s.Store, modes), transitions=self.array(s.Store, links),
+            mode_tables=self.array(ct.c_void_p, of_modes), transition_tables=self.array(ct.c_void_p, of_links),
+            moved_sample=self._address("moved_sample"), pose=self._address("pose"),
+            solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
+        )  # fmt: skip
+
+    def _table(self, name: str) -> int:
+        return ct.addressof(ct.c_char.in_dll(self.solver.loaded, name))
+
+    def _store(self, i: int, store: Any, kind: str) -> s.Store:
+        copies = self.array(s.Copies, [self._copies(each) for each in store.copies])
+        return s.Store(
+            self.doubles(store.rows), copies, self._address(f"{kind}{i}_weights"),
+            self._address(f"{kind}{i}_end_weights"), store.lowered.layout.slices[TIME_STEP].start,
+        )  # fmt: skip
+
+    def _pieces(self) -> list[s.Piece]:
+        found = []
+        for i, (piece, (entry, tick)) in enumerate(
+            zip(self.horizon.courses.pieces, self.horizon.calendar.firsts, strict=True)
+        ):
+            of = piece.functions
+            command = np.zeros(0) if of is None else np.array(of.command, dtype=float)
+            self.commands.append(self.keep(command))
+            sizes = (0,) * 5 if of is None else (
+                of.num_memory, of.num_sample, of.num_schedule, of.num_start, len(of.commands)
+            )  # fmt: skip
+            names = ("start", "begin", "advance", "move", "sample", "pose", "pick")
+            found.append(s.Piece(
+                *(self._address(f"piece{i}_{name}") for name in names), *sizes, entry, tick, self.ints(piece.places),
+                self.doubles(piece.schedules), self.doubles(piece.start), command.ctypes.data,
+                (ct.c_double * 3)(*piece.first), (ct.c_double * 3)(*piece.last), (ct.c_double * 3)(*piece.turn),
+            ))  # fmt: skip
+        return found
