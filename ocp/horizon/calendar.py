@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from piaffe.errors import ProblemError
 
-from ..language import SAME_TIME, Phase, Piece, PlacedPhase, Schedule
+from ..language import SAME_TIME, Phase, Piece, PlacedPhase, Schedule, model_of
 
 _UNIT = 1e-9  # [s]; ticks are whole multiples of it
 _SHORTEST = 1e-4  # shortest tick [s]
@@ -59,10 +59,13 @@ class Calendar:
 
     Args:
         pieces: the pieces of the motion; only the last may be endless.
-        schedule: its time steps define the tick, their largest common divisor.
+        schedule: its time steps define the tick, their largest common divisor. The middle of a stage is a tick too
+            where something acts there.
 
     Attributes:
         tick: length of a tick [s].
+        steps: ticks of a step of each segment.
+        halves: ticks from the start of a stage to its middle where something acts there (``ModelBase.acting``), else 0.
         entries: the phases; of an endless piece those of the first cycles.
         following: per entry the entry after it; -1 at the motion's end.
         total: number of ticks; infinite if the motion is endless.
@@ -76,7 +79,8 @@ class Calendar:
 
     def __init__(self, pieces: tuple[Piece, ...], schedule: Schedule) -> None:
         self.steps = tuple(round(segment.dt / _UNIT) for segment in schedule.segments)
-        unit = gcd(*self.steps)
+        acting = [bool(model_of(segment).acting) for segment in schedule.segments]
+        unit = gcd(*(step // 2 if each else step for step, each in zip(self.steps, acting, strict=True)))
         self.tick = unit * _UNIT
         if self.tick < _SHORTEST - SAME_TIME:
             raise ProblemError(
@@ -84,6 +88,7 @@ class Calendar:
                 f"s, expected whole multiples of {_SHORTEST:g} s or more; choose time steps that divide each other"
             )
         self.steps = tuple(step // unit for step in self.steps)
+        self.halves = tuple(step // 2 if each else 0 for step, each in zip(self.steps, acting, strict=True))
         entries: list[Entry] = []
         self.firsts: list[tuple[int, int]] = []
         at = 0

@@ -67,6 +67,7 @@ class Horizon:
         self.targets = samples.targets
         self.tables = Tables(compilation, calendar, self.targets, samples.at)
         self.state_copies = tuple(self.targets.state_copies(model) for model in self.models)
+        self.acting = tuple(self.targets.acting_copies(model) for model in self.models)
         pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
         self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)
         self._first = self.at(self.begin(problem.initial, 0.0), problem.initial)
@@ -212,28 +213,47 @@ class Horizon:
         sample = self.courses.samples(course, [(place, course.tick)])[0]
         return store.lowered, _filled(store, link[1:3], sample)
 
-    def nodes(self, span: Span) -> tuple[list[tuple[Place, int]], tuple[Place, int]]:
-        """Return place and tick of a span's stages, and of its last node, whose place is that of the phase before."""
-        calendar, step, cut = self.calendar, self.calendar.steps[span.segment], self.layout.cut[span.segment]
-        stages, place = [], span.place
+    def nodes(self, span: Span) -> list[tuple[Place, int]]:
+        """Return place and tick of a span's nodes (N+1); the place of the last is that of the phase before it."""
+        step, nodes, place = self.calendar.steps[span.segment], [], span.place
         for j in range(span.stages + 1):
             k = span.first + j * step
-            last = j == span.stages
-            while (
-                not cut and k >= (end := place.start + calendar.entries[place.entry].length) and not (last and k == end)
-            ):
-                place = calendar.next(place)
-            stages.append((place, k))
-        return stages[:-1], stages[-1]
+            place = self._place_from(place, k, span, last=j == span.stages)
+            nodes.append((place, k))
+        return nodes
+
+    def middles(self, span: Span) -> list[tuple[Place, int]]:
+        """Return place and tick of what acts during a span's stages (N), see ``Stages``."""
+        if not self.calendar.halves[span.segment]:
+            return self.nodes(span)[:-1]
+        step, nodes, place = self.calendar.steps[span.segment], [], span.place
+        for j in range(span.stages):
+            k = span.first + j * step + self.calendar.halves[span.segment]
+            place = self._place_from(place, k, span, last=False)
+            nodes.append((place, k))
+        return nodes
+
+    def _place_from(self, place: Place, k: int, span: Span, *, last: bool) -> Place:
+        """Return the place of tick k, at or after a place."""
+        calendar = self.calendar
+        while not self.layout.cut[span.segment]:
+            end = place.start + calendar.entries[place.entry].length
+            if k < end or (last and k == end):
+                break
+            place = calendar.next(place)
+        return place
 
     def _phase(self, i: int, spans: Sequence[Span], course: Course) -> CompiledPhase:
         span, calendar, tables = spans[i], self.calendar, self.tables
         table, segment = tables.segments[span.segment], self.problem.schedule.segments[span.segment]
         mode_number = int(table.mode[span.place.entry])
         store = tables.modes[mode_number]
-        stages, end = self.nodes(span)
-        samples = self.courses.samples(course, [*stages, end])
-        at = [int(table.first[place.entry]) + k - place.start for place, k in (*stages, end)]
+        nodes, middles = self.nodes(span), self.middles(span)
+        samples = self.courses.samples(course, nodes)
+        if middles != nodes[:-1]:
+            acting = self.acting[span.segment]
+            samples[:-1, list(acting.to)] = self.courses.samples(course, middles)[:, list(acting.of)]
+        at = [int(table.first[place.entry]) + k - place.start for place, k in (*middles, nodes[-1])]
         p = np.array([
             _filled(store, table.stage[row], sample) for row, sample in zip(at[:-1], samples, strict=False)
         ])  # fmt: skip

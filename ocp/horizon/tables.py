@@ -63,7 +63,7 @@ class SegmentTable:
     Args:
         first: per entry, the index of its tick 0 in the tables; an entry of n ticks has n + 1 rows.
         mode: per entry, the index of its mode.
-        stage: row and copies of a stage, (rows, 2).
+        stage: row and copies of a stage that acts at the tick, (rows, 2).
         end: the same of the last node of a part of the horizon, by whether it is the horizon's last, (2, rows, 2).
         link: transition, row, copies, and flags; by whether the next part is of the next
             segment, (2, rows, 4); transition -1 where there is none.

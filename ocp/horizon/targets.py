@@ -91,6 +91,12 @@ class TargetVector:
             of += range(self.slices[quantity.path].start, self.slices[quantity.path].stop)
         return Copies(tuple(to), tuple(of))
 
+    def acting_copies(self, model: ModelBase) -> Copies:
+        """Return what a stage of a model takes from the sample of its middle, see ``ModelBase.acting``."""
+        own = {quantity.path for quantity in model.acting}
+        both = tuple(i for path, part in self.slices.items() if path in own for i in range(part.start, part.stop))
+        return Copies(both, both)
+
 
 def moved_symbols(parts: Sequence[tuple[Quantity, cs.SX]], motion: cs.SX) -> list[cs.SX]:
     """Return the values of quantities, as CasADi columns, moved by a planar motion (x, y, yaw)."""

@@ -118,11 +118,11 @@ class RecedingMemory(Keeper):
         most = sum(
             int(last if window is None else window) // each
             for window, each in zip(horizon.layout.windows, calendar.steps, strict=True)
-        )  # stages; a part has at least one, and one node more than stages
+        )  # stages; a part has at least one, one node more than stages, and perhaps a middle for each
         c.spans = ct.addressof(self.keep((s.Span * most)()))
-        c.nodes = ct.addressof(self.keep((s.Node * (2 * most))()))
+        c.nodes = ct.addressof(self.keep((s.Node * (3 * most))()))
         c.firsts = self.ints(np.zeros(most))
-        c.samples = self.zeros(2 * most * horizon.targets.size)
+        c.samples = self.zeros(3 * most * horizon.targets.size)
         size, numbers, entries = ct.c_size_t(), ct.c_long(), ct.c_long()
         needs = []
         for k in range(0, last - step + 1, step):

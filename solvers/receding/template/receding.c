@@ -47,14 +47,15 @@ static long lay_plan(const Receding *r, int count, long *header)
     return at;
 }
 
+/* Lays the parts and nodes of the horizon that begins at tick k; returns the number of parts. */
 static int lay(Receding *r, long k)
 {
     int count = lay_spans(r->horizon, k, r->spans), at = 0;
     for (int i = 0; i < count; i++) {
         r->firsts[i] = at;
-        lay_nodes(r->horizon, &r->spans[i], r->nodes + at);
-        at += r->spans[i].stages + 1;
+        at += lay_nodes(r->horizon, &r->spans[i], r->nodes + at);
     }
+    r->num_nodes = at;
     return count;
 }
 
@@ -140,13 +141,10 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     r->arena.used = 0;
     lay_out(r, &r->arena, count);
     lay_plan(r, count, plan->header);
-    int nodes = 0;
     double *stages[count];
-    for (int i = 0; i < count; i++) {
-        nodes += r->spans[i].stages + 1;
-        stages[i] = plan->numbers + part_of(plan, i)[AT_P];
-    }
-    make_samples(r, r->nodes, nodes, r->samples);
+    for (int i = 0; i < count; i++) stages[i] = plan->numbers + part_of(plan, i)[AT_P];
+    make_samples(r, r->nodes, r->num_nodes, r->samples);
+    for (int i = 0; i < count; i++) take_middles(h, &r->spans[i], r->samples + (size_t)r->firsts[i] * (size_t)h->num_targets);
     fill_problem(r, stages);
     shift_plan(r, start);
     memcpy((double *)pr->initial, start, sizeof start);

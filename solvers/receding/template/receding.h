@@ -23,14 +23,16 @@ typedef struct {
 
 /* A part of the schedule. A node is an entry of the calendar and a tick in it; its row is first[entry] + tick. */
 typedef struct {
-    int step, window, cut, space, rows; /* ticks per step; ticks, -1 until the end; a phase per mode; state space; rows */
+    int step, half, window, cut, space, rows; /* ticks per step; from a stage to where something acts; of the segment, -1 until the end;
+                                             a phase per mode; state space; rows */
     double dt;
     const int *first, *mode;            /* per entry */
-    const int *stage;                   /* (rows, 2): row of the store, copies */
+    const int *stage;                   /* (rows, 2): row of the store, copies; of a stage that acts at the tick */
     const int *end;                     /* (2, rows, 2), the second half for the horizon's last node */
     const int *link;                    /* (2, rows, 4): transition or -1, row, copies, flags; second half: to the next segment */
     const double *controls;             /* (rows, nu) guess */
     Copies state;                       /* of the sample, in the state */
+    Copies acting;                      /* entries of a sample that stages take at their middle */
 } Segment;
 
 enum { RESETS = 1, LANDS = 2 };
@@ -100,7 +102,7 @@ typedef struct {
     size_t used;
 } Arena;
 
-/* A node of the horizon. */
+/* A node of the horizon. The row of a stage is that of its middle, if something acts there. */
 typedef struct {
     Place place;
     long tick;
@@ -128,8 +130,8 @@ typedef struct {
     Arena arena;                        /* of the solver's memory, laid out again at every tick */
     Problem *problem;
     Span *spans;
-    Node *nodes;                        /* of all parts, one part after another */
-    int *firsts;                        /* per part, its first node */
+    Node *nodes;                        /* of all parts, one part after another; after a part's nodes its stages' middles */
+    int *firsts, num_nodes;             /* per part, its first node; number of nodes and middles */
     double *samples;                    /* per node, (num_targets) */
     double *frames, *memories;          /* of the pieces in the horizon: (num_pieces, 3), (num_pieces, most memory) */
     long *nows;
