@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from math import gcd, inf
+from fractions import Fraction
+from math import gcd, inf, lcm
 from typing import NamedTuple
 
 from piaffe.errors import ProblemError
 
 from ..language import SAME_TIME, Phase, Piece, PlacedPhase, Schedule, model_of
 
-_UNIT = 1e-9  # [s]; ticks are whole multiples of it
+_FINEST = 1_000_000  # a time step is a fraction of seconds with a denominator up to this
 _SHORTEST = 1e-4  # shortest tick [s]
 _CYCLES = 3
 """Cycles of an endless piece that have tables of their own; later ones repeat the last.
@@ -78,16 +79,18 @@ class Calendar:
     """
 
     def __init__(self, pieces: tuple[Piece, ...], schedule: Schedule) -> None:
-        self.steps = tuple(round(segment.dt / _UNIT) for segment in schedule.segments)
+        steps = [Fraction(segment.dt).limit_denominator(_FINEST) for segment in schedule.segments]
         acting = [bool(model_of(segment).acting) for segment in schedule.segments]
-        unit = gcd(*(step // 2 if each else step for step, each in zip(self.steps, acting, strict=True)))
-        self.tick = unit * _UNIT
+        apart = [step / 2 if each else step for step, each in zip(steps, acting, strict=True)]
+        common = lcm(*(step.denominator for step in apart))
+        unit = Fraction(gcd(*(int(step * common) for step in apart)), common)
+        self.tick = float(unit)
         if self.tick < _SHORTEST - SAME_TIME:
             raise ProblemError(
                 f"horizon: time steps have no common divisor - got {', '.join(f'{s.dt:g}' for s in schedule.segments)} "
                 f"s, expected whole multiples of {_SHORTEST:g} s or more; choose time steps that divide each other"
             )
-        self.steps = tuple(step // unit for step in self.steps)
+        self.steps = tuple(int(step / unit) for step in steps)
         self.halves = tuple(step // 2 if each else 0 for step, each in zip(self.steps, acting, strict=True))
         entries: list[Entry] = []
         self.firsts: list[tuple[int, int]] = []

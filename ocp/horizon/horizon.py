@@ -27,7 +27,7 @@ from .calendar import Calendar, Place
 from .course import Course, Courses
 from .samples import Samples
 from .spans import Span, SpanLayout
-from .tables import LANDS, RESETS, Indices, RowStore, Tables
+from .tables import LANDS, OWN, RESETS, Indices, RowStore, Tables
 from .targets import Copies
 
 Array = NDArray[np.float64]
@@ -54,6 +54,9 @@ class Horizon:
     Raises:
         ProblemError: the problem does not compile, or a time step or phase does not fit the grid.
     """
+
+    latest = 1e7
+    """Time [s] from which on no horizon begins: rounding errors of times come near to ``SAME_TIME``."""
 
     def __init__(self, problem: Problem) -> None:
         require_derivatives(problem, "Horizon")
@@ -136,7 +139,7 @@ class Horizon:
     def tick_of(self, t: float) -> int:
         """Return the tick of a time since the motion's start [s], a multiple of the first model's step."""
         step = self.calendar.steps[0]
-        k = round(t / self.dt) * step if np.isfinite(t) else -1
+        k = round(t / self.dt) * step if abs(t) < self.latest else -1  # not NaN either
         if not 0 <= k <= self.calendar.total - step:
             raise self.outside(t)
         return k
@@ -144,7 +147,8 @@ class Horizon:
     def outside(self, t: float) -> ProblemError:
         """Return the error of a time at which no plan can begin."""
         return ProblemError(
-            f"horizon: time is outside the motion - got t = {t:g} s, expected 0 ≤ t ≤ {self.duration - self.dt:g} s; "
+            f"horizon: time is outside the motion - got t = {t:g} s, expected 0 ≤ t ≤ "
+            f"{min(self.duration - self.dt, self.latest):g} s; "
             "stop the controller there, or declare a longer motion"
         )
 
@@ -170,8 +174,10 @@ class Horizon:
         for name, value in commands.items():
             if name not in self.commands:
                 raise UnknownNameError("horizon", "command", name, self.commands)
-            if not np.isfinite(value):
-                raise ProblemError(f"horizon, command '{name}': is not finite - got {value}, expected a number; fix it")
+            if not (isinstance(value, int | float | np.number) and np.isfinite(value)):
+                raise ProblemError(
+                    f"horizon, command '{name}': is not finite - got {value!r}, expected a number; fix it"
+                )
         return {name: float(value) for name, value in commands.items()}
 
     # ---- numbers
@@ -193,24 +199,25 @@ class Horizon:
             lowered=0, compile_s=0.0,
         )  # fmt: skip
 
-    def arrival(self, course: Course) -> tuple[LoweredTransition, Array] | None:
-        """Return the impact at the present and its parameters; None if no phase with a landing ends now.
+    def arrival(self, course: Course, k: int | None = None) -> tuple[LoweredTransition, Array] | None:
+        """Return the impact at the present, or at a later tick k, and its parameters; None if no landing is then.
 
         A measured state may be from before or after it. The impact changes only a state from before it: the velocities
-        of the landing feet are already zero after it.
+        of the landing feet are already zero after it. A reset of the user has no such property, so with one the state
+        counts as after both.
         """
-        calendar, place = self.calendar, course.place
+        calendar, at = self.calendar, course.tick if k is None else k
+        place = calendar.at(at)
         before = calendar.previous(place)
-        if place.start != course.tick or before < 0 or not self.layout.cut[0]:
+        if place.start != at or before < 0 or not self.layout.cut[0]:
             return None
         table = self.tables.segments[0]
-        at = int(table.first[before]) + calendar.entries[before].length
-        link = table.link[0, at]
-        if link[0] < 0 or not link[3] & LANDS:
+        link = table.link[0, int(table.first[before]) + calendar.entries[before].length]
+        if link[0] < 0 or not link[3] & LANDS or link[3] & OWN:
             return None
         store = self.tables.transitions[int(link[0])]
         assert isinstance(store.lowered, LoweredTransition)
-        sample = self.courses.samples(course, [(place, course.tick)])[0]
+        sample = self.courses.samples(course, [(place, at)])[0]
         return store.lowered, _filled(store, link[1:3], sample)
 
     def nodes(self, span: Span) -> list[tuple[Place, int]]:

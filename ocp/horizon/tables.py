@@ -22,8 +22,8 @@ from .targets import Copies, TargetVector
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-RESETS, LANDS = 1, 2
-"""Flags of a link: the transition changes the state; by an impact."""
+RESETS, LANDS, OWN = 1, 2, 4
+"""Flags of a link: the transition changes the state; by an impact; by a reset of the user."""
 
 
 class RowStore:
@@ -190,10 +190,10 @@ class Tables:
                 if lowered not in self._links:
                     self._links[lowered] = len(self.transitions)
                     self.transitions.append(RowStore(lowered))
-                number = self._links[lowered]
+                number, user = self._links[lowered], ends_phase and entry.phase.reset is not None
                 copies = self._copies(lowered, interval.phase, RESETTING if lands else NOWHERE)
                 row, own = self.transitions[number].add(p, copies)
-                table.link[int(to_next), at + j] = number, row, own, RESETS * resets + LANDS * lands
+                table.link[int(to_next), at + j] = number, row, own, RESETS * resets + LANDS * lands + OWN * user
 
     def _number(self, mode: LoweredMode) -> int:
         if mode not in self._modes:

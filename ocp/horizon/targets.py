@@ -57,7 +57,7 @@ class TargetVector:
             value = np.ravel(np.asarray(by_path.get(quantity.path, initial), dtype=float))
             if quantity.kind == "rotation":
                 value = value / np.linalg.norm(value)
-            parts.append(np.broadcast_to(value, (size,)))
+            parts.append(np.resize(value, size))  # the tables name a value of another size
         return np.concatenate([np.zeros(0), *parts])
 
     def unpack(self, s: Array) -> dict[Quantity, Array]:

@@ -37,11 +37,13 @@ class Slot:
         name: name within the model, e.g. ``"contact"``.
         size: number of entries.
         default: its value if neither ``node_parameters`` nor a parameter of the problem replaces it, (size,).
+        positive: whether values that replace it must be above zero.
     """
 
     name: str
     size: int
     default: tuple[float, ...]
+    positive: bool = False
 
 
 @dataclass(frozen=True)

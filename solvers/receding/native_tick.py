@@ -30,7 +30,8 @@ class NativeTick:
 
     def __init__(self, memory: RecedingMemory) -> None:
         self.memory, self.horizon, self.pool = memory, memory.horizon, PlanPool()
-        self._last: Plan | None = None  # the next tick in C reads it, so its memory must not be used again before
+        self._last: Plan | None = None
+        self._in_c: tuple[PlanMemory, ...] = ()  # memory that C refers to: that of the last plan, which it reads
 
     def __call__(self, x: Array, t: float, commands: Mapping[str, float]) -> Plan:
         """Return a plan from a state in the world (nx,) that was measured at time t [s]."""
@@ -38,7 +39,9 @@ class NativeTick:
             if piece.functions is not None:
                 values[:] = piece.commanded(commands)
         own = self.pool.take() or self.memory.plan_memory()
+        before, self._in_c = self._in_c, (*self._in_c, own)  # before the call, after which Ctrl-C may interrupt
         if self.memory.plan(x, t, own):
+            self._in_c = before
             self.pool.give(own)
             raise self.horizon.outside(t)  # a state that is not finite has been refused before
         header, figures = own.header, own.numbers[:NUM_FIGURES].tolist()
@@ -49,13 +52,13 @@ class NativeTick:
             seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=t,
         )  # fmt: skip
         self.pool.follow(plan, own)
-        self._last = plan
+        self._last, self._in_c = plan, (own,)
         return plan
 
     def reset(self) -> None:
         """Forget the last plan."""
-        self._last = None
         self.memory.reset()
+        self._last, self._in_c = None, ()
 
 
 class _Parts(Sequence[PlannedPhase]):

@@ -16,7 +16,6 @@ from .memory import RecedingMemory
 from .native_tick import NativeTick
 from .numpy_tick import NumpyTick
 from .plan import Plan
-from .predict import predicted
 
 Array = NDArray[np.float64]
 
@@ -35,7 +34,7 @@ class RecedingHorizon:
         iterations: iterations of a plan.
         budget_s: time after which a plan's solve stops [s]; None for no limit, so that plans are deterministic.
         barrier: a barrier that plans keep.
-        latency: time from a measured state to the first effect of its plan [s].
+        latency: time from a measured state to the first effect of its plan [s], at most the period.
         options: further options of the solver.
         first_iterations: iterations of the first plan, which has no limit of time.
         backend: ``"native"``: a tick is one function in C; ``"numpy"`` is the readable reference.
@@ -61,15 +60,16 @@ class RecedingHorizon:
     ) -> None:
         _check(iterations, first_iterations, budget_s, backend)
         self.horizon = horizon = Horizon(problem)
-        steps = round(period / horizon.dt)
+        steps = round(period / horizon.dt) if np.isfinite(period) else 0
         if steps < 1 or abs(steps * horizon.dt - period) > SAME_TIME:
             raise SolverError(
                 f"receding horizon: period is out of range - got {period:g} s, expected a multiple of the first "
                 f"model's time step {horizon.dt:g} s; change one"
             )
-        if not 0 <= latency < np.inf:
+        if not 0 <= latency <= period + SAME_TIME:
             raise SolverError(
-                f"receding horizon: latency is out of range - got {latency:g} s, expected 0 or more; change it"
+                f"receding horizon: latency is out of range - got {latency:g} s, expected 0 to the period, "
+                f"{period:g} s; change one, because a planner makes one plan at a time"
             )
         self.period, self.iterations, self.latency = period, iterations, latency
         self.first_iterations, self.backend = first_iterations, backend
@@ -122,6 +122,8 @@ class RecedingHorizon:
             ShapeError: the state has another size.
         """
         state = self.horizon.checked(x)
+        if not abs(t) < self.horizon.latest:  # not NaN either
+            raise self.horizon.outside(t)
         if self._last_start is not None and t + self.latency <= self._last_start - self.horizon.dt + SAME_TIME:
             raise ProblemError(
                 f"receding horizon: time goes back - got {t:g} s after a plan that began at {self._last_start:g} s, "
@@ -135,19 +137,19 @@ class RecedingHorizon:
         if self._native is not None:
             return self._native(state, t, self._commands)
         assert self._numpy is not None  # the other backend
-        last, ready = self._numpy.plan, t + self.latency
-        start = ceil((ready - SAME_TIME) / self.horizon.dt) * self.horizon.dt
-        if last is not None and start > t + SAME_TIME:
-            state = last.world(predicted(last, last.local(state), t, start))
-        iterations = self.first_iterations if last is None else self.iterations
+        start = ceil((t + self.latency - SAME_TIME) / self.horizon.dt) * self.horizon.dt
+        state = self._numpy.predicted(state, t, start)
+        iterations = self.iterations if self._numpy.began else self.first_iterations
         return self._numpy(state, start, t, iterations, self._commands)
 
 
 def _check(iterations: int, first_iterations: int, budget_s: float | None, backend: str) -> None:
     """Raise SolverError if an argument of :class:`RecedingHorizon` is out of range."""
     for name, value in (("iterations", iterations), ("first_iterations", first_iterations)):
-        if value < 1:
-            raise SolverError(f"receding horizon: {name} is out of range - got {value}, expected 1 or more; change it")
+        if not (isinstance(value, int | np.integer) and value >= 1):
+            raise SolverError(
+                f"receding horizon: {name} is out of range - got {value!r}, expected a whole number ≥ 1; change it"
+            )
     if budget_s is not None and not 0 < budget_s < np.inf:
         raise SolverError(
             f"receding horizon: budget_s is out of range - got {budget_s} s, expected a positive number; change it"

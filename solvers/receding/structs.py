@@ -115,8 +115,8 @@ class Receding(ct.Structure):
     """See the header."""
 
     _fields_ = [
-        ("horizon", _P), ("course", Course), ("has_plan", ct.c_int), ("last", Plan), ("options", OptionsStruct),
-        ("latency", ct.c_double),
+        ("horizon", _P), ("course", Course), *fields((ct.c_int, "has_plan began")), ("last", Plan),
+        ("options", OptionsStruct), ("latency", ct.c_double),
         *fields((ct.c_int, "first_iterations iterations")),
         ("arena", Arena),
         *fields((_P, "problem spans nodes firsts"), (ct.c_int, "num_nodes")),

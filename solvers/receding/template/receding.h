@@ -35,7 +35,7 @@ typedef struct {
     Copies acting;                      /* entries of a sample that stages take at their middle */
 } Segment;
 
-enum { RESETS = 1, LANDS = 2 };
+enum { RESETS = 1, LANDS = 2, OWN = 4 }; /* OWN: a reset of the user */
 
 /* A state space of the schedule's models: functions that move a state and a control by a planar motion; 0 if none moves. */
 typedef struct {
@@ -122,7 +122,7 @@ typedef struct {
 typedef struct {
     const Horizon *horizon;
     Course course;
-    int has_plan;
+    int has_plan, began;                /* whether the last plan is finite and continued; whether there was a plan */
     Plan last;                          /* the last plan, which the caller keeps until the next tick is over */
     Options options;
     double latency;
