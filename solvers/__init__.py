@@ -16,6 +16,7 @@ from .qp import solve_qp as solve_qp
 from .receding import Plan as Plan
 from .receding import PlannedPhase as PlannedPhase
 from .receding import RecedingHorizon as RecedingHorizon
+from .receding import Retiming as Retiming
 from .solution import PhaseSolution as PhaseSolution
 from .solution import Record as Record
 from .solution import Solution as Solution

@@ -25,6 +25,7 @@ from ..language import (
 )
 from .calendar import Calendar, Place
 from .course import Course, Courses
+from .falls import Falls
 from .samples import Samples
 from .spans import Span, SpanLayout
 from .tables import LANDS, OWN, RESETS, Indices, RowStore, Tables
@@ -49,7 +50,7 @@ class Horizon:
     Attributes:
         problem, models: the declaration, and the models of its schedule.
         calendar: the phases on a grid of ticks. layout: the parts of a horizon. tables: numbers of the nodes.
-        targets: the quantities of a sample. courses: references in the plan's frame.
+        targets: the quantities of a sample. courses: references in the plan's frame. falls: flights and landings.
 
     Raises:
         ProblemError: the problem does not compile, or a time step or phase does not fit the grid.
@@ -70,6 +71,7 @@ class Horizon:
         self.targets = samples.targets
         self.tables = Tables(compilation, calendar, self.targets, samples.at)
         self.state_copies = tuple(self.targets.state_copies(model) for model in self.models)
+        self.falls = Falls(compilation, calendar, samples.at)
         self.acting = tuple(self.targets.acting_copies(model) for model in self.models)
         pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
         self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)

@@ -3,3 +3,4 @@
 from .plan import Plan as Plan
 from .plan import PlannedPhase as PlannedPhase
 from .receding_horizon import RecedingHorizon as RecedingHorizon
+from .retiming import Retiming as Retiming

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as cs
 
-from piaffe.ocp import Horizon, LoweredTransition, Manifold, ModelBase, moved_symbols, rotation
+from piaffe.ocp import Horizon, LoweredMode, LoweredTransition, Manifold, ModelBase, moved_symbols, rotation
 
 
 def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
@@ -13,6 +13,8 @@ def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
     for i, store in enumerate(horizon.tables.modes):
         found[f"mode{i}_weights"] = store.lowered.functions["stage_w"]
         found[f"mode{i}_end_weights"] = store.lowered.functions["terminal_w"]
+        if isinstance(store.lowered, LoweredMode) and store.lowered in horizon.falls.functions:
+            found[f"mode{i}_fall"] = horizon.falls.functions[store.lowered]
     for i, store in enumerate(horizon.tables.transitions):
         assert isinstance(store.lowered, LoweredTransition)
         found[f"transition{i}_weights"] = store.lowered.functions["rows_w"]

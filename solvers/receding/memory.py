@@ -15,6 +15,7 @@ from ..ilqr import OPTIONS, Library, Options, RecordStruct, structs_of
 from . import structs as s
 from .keeper import Keeper
 from .plan_memory import PlanMemory
+from .retiming import Retiming
 from .tables import HorizonMemory
 
 Array = NDArray[np.float64]
@@ -26,13 +27,14 @@ class RecedingMemory(Keeper):
     Args:
         horizon: the problem at any time.
         options: of the solves.
-        latency: of plans [s].
+        latency: of plans [s]. retiming: of landings; None for none.
         iterations: of a plan.
         first_iterations: of the first plan.
     """
 
     def __init__(
-        self, horizon: Horizon, options: Options, latency: float, iterations: int, first_iterations: int
+        self, horizon: Horizon, options: Options, latency: float, iterations: int, first_iterations: int,
+        retiming: Retiming | None = None,
     ) -> None:
         super().__init__()
         self.horizon, self.tables = horizon, HorizonMemory(horizon)
@@ -41,6 +43,9 @@ class RecedingMemory(Keeper):
             horizon=ct.addressof(self.tables.c), latency=latency, iterations=iterations,
             first_iterations=first_iterations,
         )  # fmt: skip
+        if retiming is not None:
+            self.c.clock.limit, self.c.clock.gain = retiming.limit, retiming.gain
+        self.c.clock.flight = -1
         self._solver_memory(options, max(iterations, first_iterations))
         self._work()
         self._measure()
@@ -60,6 +65,8 @@ class RecedingMemory(Keeper):
     def reset(self) -> None:
         """Forget the last plan."""
         self.c.has_plan = self.c.began = 0
+        clock = self.c.clock
+        clock.shift, clock.base, clock.flight, clock.late = 0, 0, -1, 0.0
 
     def _solver_memory(self, options: Options, records: int) -> None:
         c, kinds = self.c, structs_of(self.width)

@@ -49,7 +49,7 @@ class NativeTick:
             horizon=self.horizon, parts=_Parts(self.memory, own), anchor=tuple(figures[0:3]),
             moved=tuple(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
             cost=figures[6], max_defect=figures[7], max_equality=figures[8], max_inequality=figures[9],
-            seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=t,
+            seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=t, shift=figures[14],
         )  # fmt: skip
         self.pool.follow(plan, own)
         self._last, self._in_c = plan, (own,)

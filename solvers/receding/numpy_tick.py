@@ -16,6 +16,7 @@ from ..ilqr import Iterate, Options, ProblemFunctions, Run, Sweep, move, sweeps_
 from ..solution import Status
 from .plan import Plan, PlannedPhase
 from .predict import after_reset, predicted
+from .retiming import Clock, Retiming
 from .shift import shifted
 
 Array = NDArray[np.float64]
@@ -41,10 +42,12 @@ class NumpyTick:
     Args:
         horizon: the problem at any time.
         options: of the solves.
+        retiming: of landings; None for none.
     """
 
-    def __init__(self, horizon: Horizon, options: Options) -> None:
+    def __init__(self, horizon: Horizon, options: Options, retiming: Retiming | None = None) -> None:
         self.horizon, self.options = horizon, options
+        self.clock = Clock(horizon, retiming)
         self.plan: Plan | None = None
         """The last plan; None if there was none, or if it is not finite, so that the next one begins anew."""
         self.course: Course | None = None
@@ -59,8 +62,8 @@ class NumpyTick:
         if last is None or course is None or start <= t + SAME_TIME:
             return x
         tick, state = self.horizon.calendar.tick, last.local(x)
-        k = round(t / tick)
-        if k >= course.tick and is_same_time(k * tick, t):
+        k = round(t / tick) - self.clock.shift
+        if k >= course.tick and is_same_time((k + self.clock.shift) * tick, t):
             state = self._arrived(course, state, k)
         state = last.world(predicted(last, state, t, start))
         if np.isfinite(state).all():
@@ -72,13 +75,17 @@ class NumpyTick:
         """Return the plan that begins at time t [s] with a state in the world (nx,)."""
         horizon, last = self.horizon, self.plan
         began = time.perf_counter()
-        before = self.course
+        before, earlier = self.course, self.clock.shift
+        begin = round(t / horizon.dt) * horizon.calendar.steps[0]
+        self.clock.retime(x, begin, None if before is None else before.tick)
+        shift, same = self.clock.seconds, self.clock.shift == earlier
+        t -= shift
         course = horizon.begin(x, t, commands) if before is None else horizon.advance(before, x, t, commands)
         start = self._arrived(course, horizon.local(course, x), course.tick)
         problem = horizon.at(course, start)
         numbers = time.perf_counter()
         spans = horizon.layout.at(course.tick)
-        states, controls, fresh = shifted(problem, spans, last, course.moved, start)
+        states, controls, fresh = shifted(problem, spans, last, course.moved, start, None if same else shift)
         options = replace(self.options, max_iterations=iterations)
         if not self.began:
             options = replace(options, time_limit_s=None)  # the first plan has no limit of time
@@ -90,7 +97,7 @@ class NumpyTick:
         solved = solve_in_numpy(problem, Iterate(states, controls), options, shooting)
         parts = tuple(
             PlannedPhase(
-                segment=span.segment, number=span.place.number, name=phase.name, mode=phase.mode, times=phase.times,
+                segment=span.segment, number=span.place.number, name=phase.name, mode=phase.mode, times=phase.times + shift,
                 states=xs, controls=us, feedforward=sweep.feedforward, feedback=sweep.feedback, Q_x=sweep.Q_x,
                 Q_u=sweep.Q_u, Q_xx=sweep.Q_xx, Q_ux=sweep.Q_ux, Q_uu=sweep.Q_uu, p=phase.p, g_mask=phase.g_mask,
                 h_mask=phase.h_mask, transition=phase.transition, p_transition=phase.p_transition, resets=phase.resets,
@@ -104,7 +111,7 @@ class NumpyTick:
             horizon, parts, course.anchor, course.moved, solved.status, solved.iterations,
             any(bool(sweep.Q_uu.any()) for sweep in solved.sweeps), solved.cost, solved.max_defect,
             solved.max_equality, solved.max_inequality, {"numbers": numbers - began, "solve": ended - numbers},
-            measured_at,
+            measured_at, shift,
         )  # fmt: skip
         self.plan, self.course = (plan, course) if _is_finite(plan) else (None, None)
         self.began = True
@@ -114,6 +121,7 @@ class NumpyTick:
         """Forget the last plan."""
         self.plan = self.course = None
         self.began = False
+        self.clock.reset()
 
     def _arrived(self, course: Course, x: Array, k: int) -> Array:
         """Return the state after an impact that is due at tick k, see :meth:`Horizon.arrival`."""

@@ -34,7 +34,7 @@ class PlannedPhase:
         number: number of motion phases before it since the motion's start.
         name: name of the motion phase at its start.
         mode: its mode.
-        times: node times since the motion's start (N+1,) [s].
+        times: node times since the motion's start, by the clock of the world (N+1,) [s].
         states: (N+1, nx). controls: (N, nu).
         feedforward: k (N, nu). feedback: K (N, nu, ndx).
         Q_x: (N, ndx). Q_u: (N, nu). Q_xx: (N, ndx, ndx). Q_ux: (N, nu, ndx). Q_uu: (N, nu, nu).
@@ -84,6 +84,7 @@ class Plan:
         max_defect, max_equality, max_inequality: largest defect and violations.
         seconds: time of each part of the work [s].
         measured_at: time of the measured state [s]; the plan begins at the first grid time at which it is ready.
+        shift: time by which the motion is later than declared [s], see :class:`Retiming`; times of nodes contain it.
     """
 
     horizon: Horizon
@@ -99,6 +100,7 @@ class Plan:
     max_inequality: float
     seconds: Mapping[str, float]
     measured_at: float
+    shift: float = 0.0
 
     def local(self, x: ArrayLike) -> Array:
         """Return a state in the world (nx,) in the frame of the plan."""

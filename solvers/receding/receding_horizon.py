@@ -16,6 +16,7 @@ from .memory import RecedingMemory
 from .native_tick import NativeTick
 from .numpy_tick import NumpyTick
 from .plan import Plan
+from .retiming import Retiming
 
 Array = NDArray[np.float64]
 
@@ -35,6 +36,7 @@ class RecedingHorizon:
         budget_s: time after which a plan's solve stops [s]; None for no limit, so that plans are deterministic.
         barrier: a barrier that plans keep.
         latency: time from a measured state to the first effect of its plan [s], at most the period.
+        retiming: how far landings are shifted in time; None to keep the declared times.
         options: further options of the solver.
         first_iterations: iterations of the first plan, which has no limit of time.
         backend: ``"native"``: a tick is one function in C; ``"numpy"`` is the readable reference.
@@ -54,6 +56,7 @@ class RecedingHorizon:
         budget_s: float | None = None,
         barrier: Fixed | None = None,
         latency: float = 0.0,
+        retiming: Retiming | None = None,
         options: Options | None = None,
         first_iterations: int = 200,
         backend: Backend = "native",
@@ -77,9 +80,11 @@ class RecedingHorizon:
         self.options = replace(fixed, time_limit_s=budget_s)
         self._numpy = self._native = None
         if backend == "numpy":
-            self._numpy = NumpyTick(horizon, self.options)
+            self._numpy = NumpyTick(horizon, self.options, retiming)
         else:
-            self._native = NativeTick(RecedingMemory(horizon, self.options, latency, iterations, first_iterations))
+            self._native = NativeTick(
+                RecedingMemory(horizon, self.options, latency, iterations, first_iterations, retiming)
+            )
         self._commands: dict[str, float] = {}
         self._last_start: float | None = None
 

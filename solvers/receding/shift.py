@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 
 
 def shifted(
-    problem: CompiledProblem, spans: Sequence[Span], plan: Plan | None, moved: PlanarFrame, x: Array
+    problem: CompiledProblem, spans: Sequence[Span], plan: Plan | None, moved: PlanarFrame, x: Array,
+    clock: float | None = None,
 ) -> tuple[list[Array], list[Array], list[bool]]:
     """Return states and controls of the first iterate, and per phase whether the last plan had nothing of it.
 
@@ -30,7 +31,10 @@ def shifted(
         plan: the last plan; None for the first.
         moved: planar motion from the last plan's frame to this one's.
         x: initial state in the plan's frame (nx,).
+        clock: time by which the motion is now later than declared [s], if that has just changed. The phase at the present
+            then takes what the last plan has at the same time of the world, the nearest within the phase.
     """
+    earlier = 0.0 if plan is None else plan.shift
     states = [phase.guess_states.copy() for phase in problem.phases]
     controls = [phase.guess_controls.copy() for phase in problem.phases]
     fresh = []
@@ -42,15 +46,18 @@ def shifted(
             if part.mode.state is space and (part.number == span.place.number or not cut)
         ]
         fresh.append(not own)
-        for k, t in enumerate(phase.times):
+        times = phase.times + earlier
+        if clock is not None and own and phase is problem.phases[0]:
+            times = np.clip(phase.times + clock, own[0].times[0], own[0].times[-1])
+        for k, t in enumerate(times):
             part = _containing(own, float(t))
             if part is not None:
                 xs[k] = transform_state(space, _state(part, float(t), space), moved)
-        for k, start in enumerate(phase.times[:-1]):
+        for k, start in enumerate(times[:-1]):
             t = start + phase.dt / 2 if phase.mode.model.acting else start
-            earlier = [part for part in own if part.times[0] <= t + SAME_TIME]
-            if earlier:
-                part = earlier[-1]
+            before = [part for part in own if part.times[0] <= t + SAME_TIME]
+            if before:
+                part = before[-1]
                 j = int(np.searchsorted(part.times, t + SAME_TIME, side="right")) - 1
                 if cut or j < len(part.controls):
                     control = part.controls[min(j, len(part.controls) - 1)]

@@ -24,7 +24,7 @@ class Copies(ct.Structure):
 class Store(ct.Structure):
     """See the header."""
 
-    _fields_ = fields((_P, "rows copies weights end_weights"), (ct.c_int, "time_step"))
+    _fields_ = fields((_P, "rows copies weights end_weights fall"), (ct.c_int, "time_step"))
 
 
 class Segment(ct.Structure):
@@ -46,7 +46,7 @@ class Space(ct.Structure):
 class Entry(ct.Structure):
     """See the header."""
 
-    _fields_ = fields((ct.c_int, "piece length following"), (ct.c_long, "start"))
+    _fields_ = fields((ct.c_int, "piece length following"), (ct.c_long, "start"), (ct.c_double, "lands_at"))
 
 
 class Piece(ct.Structure):
@@ -99,6 +99,12 @@ class Course(ct.Structure):
     ]  # fmt: skip
 
 
+class Clock(ct.Structure):
+    """See the header."""
+
+    _fields_ = fields((ct.c_double, "limit gain"), (ct.c_long, "shift base flight"), (ct.c_double, "late"))
+
+
 class Plan(ct.Structure):
     """See the header."""
 
@@ -116,7 +122,7 @@ class Receding(ct.Structure):
 
     _fields_ = [
         ("horizon", _P), ("course", Course), *fields((ct.c_int, "has_plan began")), ("last", Plan),
-        ("options", OptionsStruct), ("latency", ct.c_double),
+        ("options", OptionsStruct), ("latency", ct.c_double), ("clock", Clock),
         *fields((ct.c_int, "first_iterations iterations")),
         ("arena", Arena),
         *fields((_P, "problem spans nodes firsts"), (ct.c_int, "num_nodes")),

@@ -14,6 +14,7 @@
 #include "numbers.inc"
 #include "shift.inc"
 #include "predict.inc"
+#include "clock.inc"
 
 static double seconds_now(void)
 {
@@ -113,7 +114,7 @@ static void write_plan(const Receding *r, const Plan *plan)
         const Mode *m = ph->mode;
         const long *part = part_of(plan, i);
         const size_t N = (size_t)ph->N, nu = (size_t)m->nu, ndx = (size_t)m->ndx;
-        for (int k = 0; k <= ph->N; k++) out[part[AT_TIMES] + k] = (double)(part[FIRST] + k * h->segments[part[SEGMENT]].step) * h->tick;
+        for (int k = 0; k <= ph->N; k++) out[part[AT_TIMES] + k] = (double)(part[FIRST] + k * h->segments[part[SEGMENT]].step + r->clock.shift) * h->tick;
         copy(out + part[AT_X], ph->x, (N + 1) * (size_t)m->nx);
         copy(out + part[AT_U], ph->u, N * nu);
         copy(out + part[AT_K], ph->k, N * nu);
@@ -156,20 +157,23 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     for (int i = 0; i < space->nx; i++)
         if (!isfinite(x[i])) return NOT_FINITE_STATE;
     if (!(fabs(t + r->latency) / h->tick < 1e15)) return OUTSIDE; /* ticks are whole numbers; t may be NaN */
-    const long step = h->segments[0].step, k = (long)ceil((t + r->latency - SAME_TIME) / dt) * step;
-    if (k < 0 || (h->total >= 0 && k > h->total - step)) return OUTSIDE;
+    const long step = h->segments[0].step, begin = (long)ceil((t + r->latency - SAME_TIME) / dt) * step;
     memcpy(state, x, sizeof state);
-    const double begins = (double)(k / step) * dt;
+    const double begins = (double)(begin / step) * dt;
     if (r->has_plan && begins > t + SAME_TIME) {
-        const long measured = lround(t / h->tick);
+        const long measured = lround(t / h->tick) - r->clock.shift;
         to_frame(r, x, r->course.anchor, state);
-        if (measured >= r->course.tick && fabs((double)measured * h->tick - t) < SAME_TIME) arrive(r, measured, state);
+        if (measured >= r->course.tick && fabs((double)(measured + r->clock.shift) * h->tick - t) < SAME_TIME) arrive(r, measured, state);
         predict(r, state, t, begins);
         move_values(r, space->state, space->nx, state, r->course.anchor, state);
         for (int i = 0; i < space->nx; i++)
             if (!isfinite(state[i])) r->has_plan = 0; /* the policy is far from its plan */
         if (!r->has_plan) memcpy(state, x, sizeof state);
     }
+    const long before = r->clock.shift;
+    retime(r, state, begin);
+    const long k = begin - r->clock.shift;
+    if (k < 0 || (h->total >= 0 && k > h->total - step)) return OUTSIDE;
     if (r->has_plan) advance_course(r, state, k, &r->course);
     else begin_course(r, state, k, &r->course);
     to_frame(r, state, r->course.anchor, start);
@@ -183,7 +187,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     make_samples(r, r->nodes, r->num_nodes, r->samples);
     for (int i = 0; i < count; i++) take_middles(h, &r->spans[i], r->samples + (size_t)r->firsts[i] * (size_t)h->num_targets);
     fill_problem(r, stages);
-    shift_plan(r, start);
+    shift_plan(r, start, r->clock.shift - before);
     memcpy((double *)pr->initial, start, sizeof start);
     pr->options = r->options;
     pr->options.max_iterations = r->began ? r->iterations : r->first_iterations;
@@ -200,7 +204,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     memcpy(f + ANCHOR, r->course.anchor, sizeof(double) * 3);
     memcpy(f + MOVED, r->course.moved, sizeof(double) * 3);
     f[COST] = pr->cost, f[DEFECT] = pr->max_defect, f[EQUALITY] = pr->max_equality, f[INEQUALITY] = pr->max_inequality;
-    f[MEASURED_AT] = t, f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = seconds_now() - solved;
+    f[MEASURED_AT] = t, f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = seconds_now() - solved, f[SHIFT] = (double)r->clock.shift * h->tick;
     r->last = *plan, r->began = 1;
     r->has_plan = is_finite(h, plan); /* else the next plan begins anew */
     return PLANNED;

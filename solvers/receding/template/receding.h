@@ -17,7 +17,7 @@ typedef struct {
 typedef struct {
     const double *rows;
     const Copies *copies;
-    function weights, end_weights;
+    function weights, end_weights, fall; /* fall: height, vertical speed and gravity of the falling point; 0 if nothing falls */
     int time_step; /* place of the time step in p */
 } Store;
 
@@ -46,6 +46,7 @@ typedef struct {
 typedef struct {
     int piece, length, following;
     long start;
+    double lands_at;                    /* height of the falling point at the phase's end; NaN if nothing lands there */
 } Entry;
 
 /* A piece of the motion; see ReferenceFunctions. Without functions, its samples are in the tables. */
@@ -97,6 +98,13 @@ typedef struct {
     double *memory;                     /* of the present piece */
 } Course;
 
+/* The clock of the motion, see Clock. */
+typedef struct {
+    double limit, gain;                 /* of a flight [s], no retiming if 0; of the filter */
+    long shift, base, flight;           /* ticks by which the motion is late; the same at the flight's start; its place's number */
+    double late;                        /* filtered shift of the flight [s] */
+} Clock;
+
 typedef struct {
     unsigned char *base;
     size_t used;
@@ -113,7 +121,7 @@ typedef struct {
 enum { NUM_PARTS, TICK, STATUS, ITERATIONS, HAS_POLICY, HEADER };
 enum { SEGMENT, NUMBER, ENTRY, MODE, STAGES, FIRST, TRANSITION, FLAGS, LAST, AT_TIMES, AT_X, AT_U, AT_K, AT_FEEDBACK, AT_Q_X, AT_Q_U,
        AT_Q_XX, AT_Q_UX, AT_Q_UU, AT_P, AT_G_MASK, AT_H_MASK, AT_P_TRANSITION, PART };
-enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_AT, NUMBERS_S, SOLVE_S, POLICY_S, NUM_FIGURES = 16 };
+enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_AT, NUMBERS_S, SOLVE_S, POLICY_S, SHIFT, NUM_FIGURES = 16 };
 typedef struct {
     long *header;
     double *numbers;
@@ -126,6 +134,7 @@ typedef struct {
     Plan last;                          /* the last plan, which the caller keeps until the next tick is over */
     Options options;
     double latency;
+    Clock clock;
     int first_iterations, iterations;
     Arena arena;                        /* of the solver's memory, laid out again at every tick */
     Problem *problem;
