@@ -33,7 +33,12 @@ class RecedingMemory(Keeper):
     """
 
     def __init__(
-        self, horizon: Horizon, options: Options, latency: float, iterations: int, first_iterations: int,
+        self,
+        horizon: Horizon,
+        options: Options,
+        latency: float,
+        iterations: int,
+        first_iterations: int,
         retiming: Retiming | None = None,
     ) -> None:
         super().__init__()

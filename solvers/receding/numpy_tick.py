@@ -97,10 +97,11 @@ class NumpyTick:
         solved = solve_in_numpy(problem, Iterate(states, controls), options, shooting)
         parts = tuple(
             PlannedPhase(
-                segment=span.segment, number=span.place.number, name=phase.name, mode=phase.mode, times=phase.times + shift,
-                states=xs, controls=us, feedforward=sweep.feedforward, feedback=sweep.feedback, Q_x=sweep.Q_x,
-                Q_u=sweep.Q_u, Q_xx=sweep.Q_xx, Q_ux=sweep.Q_ux, Q_uu=sweep.Q_uu, p=phase.p, g_mask=phase.g_mask,
-                h_mask=phase.h_mask, transition=phase.transition, p_transition=phase.p_transition, resets=phase.resets,
+                segment=span.segment, number=span.place.number, name=phase.name, mode=phase.mode,
+                times=phase.times + shift, states=xs, controls=us, feedforward=sweep.feedforward,
+                feedback=sweep.feedback, Q_x=sweep.Q_x, Q_u=sweep.Q_u, Q_xx=sweep.Q_xx, Q_ux=sweep.Q_ux,
+                Q_uu=sweep.Q_uu, p=phase.p, g_mask=phase.g_mask, h_mask=phase.h_mask, transition=phase.transition,
+                p_transition=phase.p_transition, resets=phase.resets,
             )
             for span, phase, xs, us, sweep in zip(
                 spans, problem.phases, solved.states, solved.controls, solved.sweeps, strict=True

@@ -12,7 +12,16 @@ from piaffe.codegen import SOLVER_FLAGS, build, generate, load
 
 from ..ilqr import TEMPLATES, constants_header
 
-_FILES = ("receding.h", "calendar.inc", "course.inc", "layout.inc", "numbers.inc", "shift.inc", "predict.inc", "clock.inc")
+_FILES = (
+    "receding.h",
+    "calendar.inc",
+    "course.inc",
+    "layout.inc",
+    "numbers.inc",
+    "shift.inc",
+    "predict.inc",
+    "clock.inc",
+)
 
 
 @lru_cache(maxsize=8)

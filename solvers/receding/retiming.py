@@ -18,13 +18,13 @@ Array = NDArray[np.float64]
 class Retiming:
     """How far landings are shifted in time.
 
-    In a flight, the centre of mass falls freely. From its height z and speed v at the start of a plan, the time until it
-    is at the height z_l, at which the declared path lands, is::
+    In a flight, the centre of mass falls freely. From its height z and speed v at the start of a plan, the time until
+    it is at the height z_l, at which the declared path lands, is::
 
         τ = (v + √(v² + 2 g (z − z_l))) / g,    or v / g if it never gets that high
 
-    The clock of the motion is shifted by the difference of τ and the scheduled time, in whole time steps; all that comes
-    later moves with it. The difference is filtered over the plans of a flight, and bounded for each flight.
+    The clock of the motion is shifted by the difference of τ and the scheduled time, in whole time steps; all that
+    comes later moves with it. The difference is filtered over the plans of a flight, and bounded for each flight.
 
     Args:
         limit: largest shift of the clock in one flight [s].
@@ -40,8 +40,8 @@ class Retiming:
     def __post_init__(self) -> None:
         if not 0 < self.limit < np.inf or not 0 < self.gain <= 1:
             raise SolverError(
-                f"retiming: a number is out of range - got limit {self.limit} s and gain {self.gain}, expected a limit > "
-                "0 s and a gain in (0, 1]; change it"
+                f"retiming: a number is out of range - got limit {self.limit} s and gain {self.gain}, expected a limit "
+                "> 0 s and a gain in (0, 1]; change it"
             )
 
 

@@ -15,7 +15,11 @@ Array = NDArray[np.float64]
 
 
 def shifted(
-    problem: CompiledProblem, spans: Sequence[Span], plan: Plan | None, moved: PlanarFrame, x: Array,
+    problem: CompiledProblem,
+    spans: Sequence[Span],
+    plan: Plan | None,
+    moved: PlanarFrame,
+    x: Array,
     clock: float | None = None,
 ) -> tuple[list[Array], list[Array], list[bool]]:
     """Return states and controls of the first iterate, and per phase whether the last plan had nothing of it.
@@ -31,8 +35,8 @@ def shifted(
         plan: the last plan; None for the first.
         moved: planar motion from the last plan's frame to this one's.
         x: initial state in the plan's frame (nx,).
-        clock: time by which the motion is now later than declared [s], if that has just changed. The phase at the present
-            then takes what the last plan has at the same time of the world, the nearest within the phase.
+        clock: time by which the motion is now later than declared [s], if that has just changed. The phase at the
+            present then takes what the last plan has at the same time of the world, the nearest within the phase.
     """
     earlier = 0.0 if plan is None else plan.shift
     states = [phase.guess_states.copy() for phase in problem.phases]

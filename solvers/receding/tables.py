@@ -70,7 +70,9 @@ class HorizonMemory(Keeper):
             ))  # fmt: skip
         entries = [
             s.Entry(entry.placed.piece, entry.length, following, entry.start, height)
-            for entry, following, height in zip(calendar.entries, calendar.following, horizon.falls.heights, strict=True)
+            for entry, following, height in zip(
+                calendar.entries, calendar.following, horizon.falls.heights, strict=True
+            )
         ]
         samples = np.concatenate(horizon.courses.tables)
         frames = [
@@ -107,7 +109,8 @@ class HorizonMemory(Keeper):
         copies = self.array(s.Copies, [self._copies(each) for each in store.copies])
         return s.Store(
             self.doubles(store.rows), copies, self._address(f"{kind}{i}_weights"),
-            self._address(f"{kind}{i}_end_weights"), self._address(f"{kind}{i}_fall"), store.lowered.layout.slices[TIME_STEP].start,
+            self._address(f"{kind}{i}_end_weights"), self._address(f"{kind}{i}_fall"),
+            store.lowered.layout.slices[TIME_STEP].start,
         )  # fmt: skip
 
     def _pieces(self) -> list[s.Piece]:
