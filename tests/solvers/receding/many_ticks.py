@@ -9,7 +9,7 @@ import numpy as np
 
 from piaffe import models, ocp, solvers
 
-from .random_ticks import Found, compare, make_equal, stop_at_once, twin_of
+from .random_ticks import Found, compare, is_wild, make_equal, stop_at_once, twin_of
 from .schedules import Rng, kinds, quadruped, robot_terms
 
 
@@ -21,6 +21,7 @@ class Shown(Found):
         torque: difference relative to 1 + the largest control.
         controls: number of ticks of the low level. limited: those with active rows.
         fallbacks: those whose program has no solution. commands: changes of commands.
+        restarts: times that the motion began again.
     """
 
     torque: float = 0.0
@@ -28,6 +29,7 @@ class Shown(Found):
     limited: int = 0
     fallbacks: int = 0
     commands: int = 0
+    restarts: int = 0
 
 
 def cascade(motion: ocp.Motion) -> ocp.Problem:
@@ -75,21 +77,22 @@ EPISODES = {"pieces with impacts": 1.2}
 def run(name: str, ticks: int, seed: int) -> Shown:
     """Make ticks of a motion; raise AssertionError if C and NumPy differ, and return by how much they do."""
     rng, shown, declared = np.random.default_rng(seed), Shown(), MOTIONS[name]()
-    native = solvers.RecedingHorizon(declared, iterations=1, first_iterations=6, latency=0.013)
+    native = solvers.RecedingHorizon(declared, iterations=1, first_iterations=30, latency=0.013)
     twin = twin_of(native)
     lows: list[solvers.Vwbc] = []
-    x, t = np.array(declared.initial), 0.0
+    x, t, lost = np.array(declared.initial), 0.0, False
     for k in range(ticks):
-        if t > EPISODES.get(name, np.inf):
+        if t > EPISODES.get(name, np.inf) or lost:
             x, t = np.array(declared.initial), 0.0
             native.reset(), twin.reset()
+            shown.restarts += 1
         first = twin._numpy.plan is None
         if native.horizon.commands and rng.random() < 0.1:
             values = {key: value + 0.2 * rng.standard_normal() for key, value in native.horizon.commands.items()}
             values["height"] = native.horizon.commands["height"] + 0.01 * rng.standard_normal()
             native.command(**values), twin.command(**values)
             shown.commands += 1
-        only_shifted = bool(not first and rng.random() < 0.25)
+        only_shifted = bool(not first and rng.random() < 0.15)
         stop_at_once(native, twin, stop=only_shifted)
         got, expected = native.plan(x, t), twin.plan(x, t)
         numbers, results = compare(got, expected, exact=only_shifted)
@@ -98,6 +101,7 @@ def run(name: str, ticks: int, seed: int) -> Shown:
             shown.shift = max(shown.shift, results)
         else:
             shown.iteration = max(shown.iteration, results)
+        lost = is_wild(expected)  # a robot with one iteration, and some without, may fall
         make_equal(native, got, twin, expected)
         if not lows:
             lows = [solvers.Vwbc(got, backend="native"), solvers.Vwbc(got, backend="numpy")]

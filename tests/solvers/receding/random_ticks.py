@@ -25,20 +25,37 @@ PLAIN = ("name", "label", "dt", "ends_phase", "resets", "lands", "mode", "transi
 
 @dataclass
 class Found:
-    """What random cases have shown: how many of each kind, and the largest differences."""
+    """What random cases have shown: how many of each kind, and the largest differences.
+
+    Args:
+        refused: problems that are refused by name.
+        compiled: horizons that are compared with the compiler.
+        ticks: plans in C that are compared with those in NumPy; ``wild`` ones by their numbers alone.
+        numbers: difference of parameters, masks, times, guesses.
+        shift: difference of a plan that is only shifted, relative to 1 + its largest number.
+        iteration: difference after an iteration from equal inputs, relative likewise.
+    """
 
     refused: int = 0
     compiled: int = 0
     ticks: int = 0
+    wild: int = 0
     numbers: float = 0.0
     shift: float = 0.0
     iteration: float = 0.0
 
 
-def random_case(seed: int, found: Found, robot: bool = False) -> None:
-    """Make a random problem, and check it; raise AssertionError with the seed if something differs."""
+def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | None = None) -> None:
+    """Make a random problem, and check it; raise AssertionError with the seed if something differs.
+
+    Args:
+        seed: of its random numbers.
+        found: what is found is added to it.
+        robot: whether it is a robot's.
+        kind: its structure; by default a random one.
+    """
     rng = np.random.default_rng(seed)
-    name = "robot" if robot else str(rng.choice([*kinds()]))
+    name = "robot" if robot else kind or str(rng.choice([*kinds()]))
     declared = robot_problem(rng) if robot else own_problem(name, rng)
     steps = int(rng.integers(1, 4))
     period = steps * declared.schedule.segments[0].dt
@@ -114,6 +131,7 @@ def _difference(got: CompiledProblem, expected: CompiledProblem, functions: bool
             if name == "guess_controls":  # a least-squares solution
                 assert difference < 1e-6 * (1 + np.abs(b).max(initial=0.0)), (own.name, name, difference)
                 continue
+            difference /= max(1.0, float(np.abs(b).max(initial=0.0)))  # random keyframes ask for 100 m/s
             assert difference < 1e-9, (own.name, name, difference)
             most = max(most, difference)
     return most
@@ -182,6 +200,7 @@ def _ticks(native: solvers.RecedingHorizon, rng: Rng, found: Found) -> None:
             assert ceil((t + native.latency) / dt - 1e-6) * dt > horizon.duration - dt + 1e-6
             return
         found.ticks += 1
+        found.wild += is_wild(expected)
         most_numbers, most_results = compare(got, expected, exact=k > 0 and k % 2 == 0)
         found.numbers = max(found.numbers, most_numbers)
         if k and k % 2 == 0:
@@ -206,6 +225,11 @@ def _later(plan: solvers.Plan, t: float, rng: Rng, mpc: solvers.RecedingHorizon)
     return later, plan.world(space.np_plus(part[0].states[k], 1e-3 * rng.standard_normal(space.ndx)))
 
 
+def is_wild(plan: solvers.Plan) -> bool:
+    """Return whether a plan is so far from a motion that rounding decides: it diverges from a start at random."""
+    return not plan.max_defect < 100.0
+
+
 def compare(got: solvers.Plan, expected: solvers.Plan, *, exact: bool) -> tuple[float, float]:
     """Return the largest differences of numbers, and of results relative to their size; raise if they are too large.
 
@@ -220,9 +244,11 @@ def compare(got: solvers.Plan, expected: solvers.Plan, *, exact: bool) -> tuple[
     assert got.iterations == expected.iterations
     assert got.has_policy == expected.has_policy
     assert (got.start, got.measured_at) == (expected.start, expected.measured_at)
-    numbers = results = 0.0
+    numbers, results, wild = 0.0, 0.0, is_wild(expected)
     for own, other in zip(got.parts, expected.parts, strict=True):
         for names, tolerance in ((TABLES, 1e-9), (ITERATES, 1e-9 if exact else 1e-8), (POLICY, 1e-8)):
+            if wild and not (names is TABLES or (exact and names is ITERATES)):
+                continue
             for name in names:
                 a, b = getattr(own, name), getattr(other, name)
                 assert a.shape == b.shape, name
