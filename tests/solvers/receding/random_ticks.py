@@ -45,7 +45,7 @@ class Found:
     iteration: float = 0.0
 
 
-def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | None = None) -> None:
+def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | None = None, cycles: int = 12) -> None:
     """Make a random problem, and check it; raise AssertionError with the seed if something differs.
 
     Args:
@@ -53,6 +53,7 @@ def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | Non
         found: what is found is added to it.
         robot: whether it is a robot's.
         kind: its structure; by default a random one.
+        cycles: of an endless motion's tables, after which no horizon is compared with the compiler.
     """
     rng = np.random.default_rng(seed)
     name = "robot" if robot else kind or str(rng.choice([*kinds()]))
@@ -67,7 +68,7 @@ def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | Non
         found.refused += 1
         return
     try:
-        _numbers(mpc.horizon, rng, found)
+        _numbers(mpc.horizon, rng, found, cycles)
         _ticks(mpc, rng, found)
     except AssertionError as error:
         raise AssertionError(f"{name}, seed {seed}: {error}") from error
@@ -84,12 +85,12 @@ def assert_form(error: PiaffeError, seed: int) -> None:
 # ---- numbers
 
 
-def _numbers(horizon: Horizon, rng: Rng, found: Found) -> None:
+def _numbers(horizon: Horizon, rng: Rng, found: Found, cycles: int) -> None:
     """Compare the horizon at random times with the compiler, where the declared path is that of the horizon."""
     calendar, problem = horizon.calendar, horizon.problem
     ahead = sum(w if w is not None else 0 for w in horizon.layout.windows)
     for _ in range(2):
-        total = min(calendar.total, 40 * sum(entry.length for entry in calendar.entries)) - ahead
+        total = min(calendar.total, cycles * sum(entry.length for entry in calendar.entries)) - ahead
         count = int(total // calendar.steps[0])
         if count < 0:
             return

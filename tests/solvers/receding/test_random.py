@@ -13,15 +13,15 @@ TICKS = 1000
 """Random ticks of the slow test, of each motion."""
 
 
-def check(seeds: range) -> Found:
+def check(seeds: range, cycles: int) -> Found:
     found = Found()
     for seed in seeds:
-        random_case(seed, found, robot=seed % ROBOTS == 0)
+        random_case(seed, found, robot=seed % ROBOTS == 0, cycles=cycles)
     return found
 
 
 def test_random_schedules_shifted_by_random_times():
-    found = check(range(COUNT, COUNT + 200))
+    found = check(range(COUNT, COUNT + 200), cycles=6)
     assert found.compiled > 200
     assert found.ticks > 400
     assert 0 < found.refused < 20
@@ -29,7 +29,7 @@ def test_random_schedules_shifted_by_random_times():
 
 @pytest.mark.slow
 def test_ten_thousand_random_schedules_shifted_by_random_times():
-    found = check(range(COUNT))
+    found = check(range(COUNT), cycles=40)
     assert found.compiled > COUNT
     assert found.ticks > 2 * COUNT
 
