@@ -190,7 +190,7 @@ def hop(rng: Rng) -> ocp.Motion:
     stands = stance("FL FR HL HR")
 
     def place(height: float) -> ocp.Keyframe:
-        x, y, yaw = rng.uniform((-0.1, -0.1, -0.5), (0.2, 0.1, 0.5))
+        x, y, yaw = rng.uniform((-0.05, -0.05, -0.2), (0.1, 0.05, 0.2))  # feet stay within reach
         return ocp.Keyframe(position=(x, y, height), rpy=(0, 0, yaw))
 
     lengths = 0.01 * rng.integers(4, 14, size=4)
