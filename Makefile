@@ -6,7 +6,8 @@
 #   make docs    the documentation, into site/
 #   make bench   time the solver, and Crocoddyl; draws what docs/benchmarks.md shows
 #   make bench-native  time both compiled for the same processors; builds Crocoddyl from source, into .native-crocoddyl
-#   make sanitize  the compiled solver under AddressSanitizer and UndefinedBehaviorSanitizer, on all examples
+#   make sanitize  the compiled solver, on all examples, and the receding horizon, under AddressSanitizer and
+#                  UndefinedBehaviorSanitizer
 #   make valgrind  and under memcheck; the small problems are in make test
 
 PYTHON ?= python3
@@ -91,6 +92,7 @@ bench-native: $(VENV)-bench/bench.stamp
 
 sanitize: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.solvers.ilqr.native.memory sanitizers
+	$(BIN)/python -m tests.solvers.receding.memory
 
 valgrind: $(VENV)/dev.stamp
 	$(BIN)/python -m tests.solvers.ilqr.native.memory valgrind

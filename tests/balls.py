@@ -10,15 +10,21 @@ import numpy as np
 from piaffe import ocp
 
 
+class _OneForAll(ocp.Model):
+    """A model whose modes share dynamics and phase."""
+
+    def mode_key(self, mode: Hashable) -> str:
+        return "fall"
+
+
 def ball(name: str = "ball", *, cut: bool = True) -> ocp.Model:
     """Return a ball on a rod that a thrust moves, in strong or weak gravity; without ``cut``, modes share a phase."""
 
     def mode(gravity: float) -> Any:
         return lambda s: {"z": s.vz, "vz": s.thrust - gravity}
 
-    made = ocp.Model(
-        name, state={"z": 1, "vz": 1}, control={"thrust": 1}, modes={"fall": mode(9.81), "slow": mode(5.0)}
-    )
+    modes = {"fall": mode(9.81), "slow": mode(5.0)}
+    made = (ocp.Model if cut else _OneForAll)(name, state={"z": 1, "vz": 1}, control={"thrust": 1}, modes=modes)
     if not cut:
         object.__setattr__(made, "cut_by_modes", False)
     return made

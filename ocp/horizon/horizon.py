@@ -70,6 +70,7 @@ class Horizon:
         samples = Samples(compilation, calendar)
         self.targets = samples.targets
         self.tables = Tables(compilation, calendar, self.targets, samples.at)
+        self._refuse_modes_inside()
         self.state_copies = tuple(self.targets.state_copies(model) for model in self.models)
         self.falls = Falls(compilation, calendar, samples.at)
         self.acting = tuple(self.targets.acting_copies(model) for model in self.models)
@@ -321,6 +322,15 @@ class Horizon:
                         f"'{model.name}' - got a {what}, expected none where '{model.name}' plans; remove it, or "
                         "schedule only models with a phase per mode"
                     )
+
+    def _refuse_modes_inside(self) -> None:
+        """Raise if a part of the horizon may contain modes with other dynamics than that at its start."""
+        for model, cut, table in zip(self.models, self.layout.cut, self.tables.segments, strict=True):
+            if not cut and len(keys := dict.fromkeys(self.tables.modes[i].lowered.key for i in table.mode)) > 1:
+                raise ProblemError(
+                    f"horizon, model '{model.name}': has one phase for all modes and several dynamics - got "
+                    f"{', '.join(keys)}, expected one; return one key from mode_key, or set cut_by_modes"
+                )
 
 
 def _filled(store: RowStore, which: Indices, sample: Array) -> Array:

@@ -55,6 +55,14 @@ def test_a_third_model_whose_phases_would_begin_between_its_steps_is_refused():
         ocp.Horizon(balls.problem(motion(0.4, 0.4, 0.4), schedule))
 
 
+def test_a_model_with_one_phase_for_several_dynamics_is_refused():
+    mixed = balls.ball("mixed")
+    object.__setattr__(mixed, "cut_by_modes", False)
+    changing = ocp.Motion(balls.phase("a", 0.2), balls.phase("b", 0.2, mode="slow"))
+    with pytest.raises(ProblemError, match=r"model 'mixed': has one phase .* got fall, slow, expected one"):
+        ocp.Horizon(balls.problem(changing, mixed.over(0.1, dt=0.01)))
+
+
 @pytest.mark.parametrize("t", [1e300, 1e8, np.inf, -np.inf])
 def test_times_too_late_for_their_numbers_are_refused(t):
     horizon = ocp.Horizon(balls.problem(motion(0.3, 0.2, cyclic=True), balls.ball().over(0.1, dt=0.01)))
