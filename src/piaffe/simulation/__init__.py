@@ -17,6 +17,8 @@ from .controller import Controller as Controller
 from .controller import Judgement as Judgement
 from .controller import Plan as Plan
 from .controller import TickingController as TickingController
+from .declared_plant import declared_ground as declared_ground
+from .declared_plant import declared_robot as declared_robot
 from .deviation import Deviation as Deviation
 from .episode import Episode as Episode
 from .estimator import Estimator as Estimator
@@ -48,5 +50,8 @@ from .simulation import MAX_SPEED as MAX_SPEED
 from .simulation import Simulation as Simulation
 from .spread import Spread as Spread
 from .tracking import Tracking as Tracking
+from .tracking import stretches as stretches
+from .variation import NOISE as NOISE
+from .variation import Variation as Variation
 from .wall_clock import Deadlines as Deadlines
 from .wall_clock import WallClock as WallClock

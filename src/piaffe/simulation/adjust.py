@@ -32,8 +32,7 @@ def scale_masses(scene: Scene, scale: float | Mapping[str, float]) -> None:
         UnknownNameError: there is no such body.
     """
     model = scene.compiled
-    root = model.body_rootid[scene.base]
-    bodies = {model.body(b).name: b for b in range(1, model.nbody) if model.body_rootid[b] == root}
+    bodies = named_bodies(scene)
     factors = scale if isinstance(scale, Mapping) else dict.fromkeys(bodies, scale)
     for name, factor in factors.items():
         if name not in bodies:
@@ -45,6 +44,14 @@ def scale_masses(scene: Scene, scale: float | Mapping[str, float]) -> None:
             )
         model.body_mass[bodies[name]] *= factor
         model.body_inertia[bodies[name]] *= factor
+
+
+def named_bodies(scene: Scene) -> dict[str, int]:
+    """Return the ids of the robot's bodies by name, the base first; a body without a name gets one from its id."""
+    model = scene.compiled
+    root = model.body_rootid[scene.base]
+    own = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
+    return {model.body(b).name or f"body {b}": b for b in sorted(own, key=lambda b: b != scene.base)}
 
 
 def add_payload(scene: Scene, payload: Payload) -> None:

@@ -14,7 +14,7 @@ from piaffe.models import Robot, base, joints
 from piaffe.ocp import Manifold, rotation
 
 from .contacts import Touchdown, touchdowns
-from .tracking import Tracking, heading, in_heading, tracked
+from .tracking import Tracking, heading, in_heading, stretches, tracked
 from .wall_clock import Deadlines
 
 Array = NDArray[np.float64]
@@ -139,6 +139,15 @@ class OnlineEpisode:
         if not chosen.any():
             return None
         return tracked(self.times[chosen], self.yaw[chosen], self.velocity[chosen], self.commands[chosen])
+
+    def settled(self, settle: float = 2.0) -> tuple[Tracking, ...]:
+        """Return how the base followed each constant command, without its beginning; empty without commands.
+
+        Args:
+            settle: time that is left out after each change of the command [s]. A gait has a ramp of 1 s by default.
+        """
+        parts = stretches(self.times, self.commands, settle)
+        return tuple(tracked(self.times[p], self.yaw[p], self.velocity[p], self.commands[p]) for p in parts)
 
     def excess(self) -> dict[str, float]:
         """Return by how much limits of the robot were exceeded at most; 0 if never.

@@ -13,7 +13,7 @@ from piaffe.models import Payload, Robot
 from piaffe.models.terrain import Terrain
 
 from .actuators import Actuators, Drive
-from .adjust import add_payload, finish, scale_masses, set_joints
+from .adjust import add_payload, finish, named_bodies, scale_masses, set_joints
 from .mjcf import scene_of_file
 from .numbers import finite_number
 from .policy_run import torque_plant
@@ -146,6 +146,11 @@ class Plant:
     def timestep(self) -> float:
         """Time step of the simulator [s]."""
         return float(self.scene.compiled.opt.timestep)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the bodies for ``mass_scale``, the base first."""
+        return tuple(named_bodies(self.scene))
 
     def _drive(self) -> Drive:
         return Drive.of(self.actuators, self.robot, self._limit, self.timestep)

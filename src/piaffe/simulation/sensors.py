@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +49,10 @@ class SensorNoise:
 
     def __post_init__(self) -> None:
         check_deviations(self, "sensor noise", ModelError)
+
+    def scaled(self, factor: float) -> SensorNoise:
+        """Return the noise with all standard deviations times a factor."""
+        return replace(self, **{field.name: factor * getattr(self, field.name) for field in fields(self)})
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,8 @@ from piaffe.ocp import rotation
 
 Array = NDArray[np.float64]
 
+_LEAST = 0.5  # [s]: the mean velocity of less than a cycle says little
+
 
 @dataclass(frozen=True)
 class Tracking:
@@ -61,6 +63,25 @@ def in_heading(yaw: Array, velocities: Array) -> Array:
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = velocities[:, 0], velocities[:, 1]
     return np.stack([c * x + s * y, c * y - s * x], axis=1)
+
+
+def stretches(times: Array, commands: Array, settle: float) -> list[slice]:
+    """Return where the command is constant, each without its beginning; those shorter than 0.5 s are left out.
+
+    Args:
+        times: (T,) [s].
+        commands: (T, 3); NaN if there is none.
+        settle: time that is left out after each change of the command [s].
+    """
+    if not len(times) or not np.all(np.isfinite(commands)):
+        return []
+    begins = np.flatnonzero(np.append(True, np.any(np.diff(commands, axis=0) != 0, axis=1)))
+    found = []
+    for first, end in zip(begins, [*begins[1:], len(times)], strict=True):
+        settled = int(np.searchsorted(times, times[first] + settle - 1e-9))
+        if settled < end and times[end - 1] - times[settled] >= _LEAST - 1e-9:
+            found.append(slice(settled, end))
+    return found
 
 
 def tracked(times: Array, yaw: Array, velocity: Array, commands: Array) -> Tracking:

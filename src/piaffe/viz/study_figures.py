@@ -16,6 +16,7 @@ from piaffe.sampling import Case, Study, StudyFile, cells, text_of, varied
 from piaffe.simulation import Episode
 
 from .figure import save_figure
+from .study_outcomes import outcomes
 from .style import BOUND, RC, colours
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ def draw_study(folder: Path, study: Study, file: StudyFile, rows: Sequence[Row])
         if any(lines.values()):
             name = "sweep" if len(terrains) == 1 else f"sweep-{terrain}"
             saved.append(save_figure(_sweep(lines, str(terrain) if len(terrains) > 1 else ""), folder / f"{name}.png"))
+    if (figure := outcomes(found)) is not None:
+        saved.append(save_figure(figure, folder / "outcomes.png"))
     if file.series:
         shown = _examples(study)
         if shown:
@@ -68,7 +71,7 @@ def curves(found: Sequence[Row], axis: str) -> dict[str, list[Row]]:
     return {
         name: sorted(group, key=lambda cell: cell[axis])
         for name, group in groups.items()
-        if len({cell[axis] for cell in group}) > 1
+        if all(axis in cell for cell in group) and len({cell[axis] for cell in group}) > 1
     }
 
 
@@ -124,7 +127,7 @@ def _examples(study: Study) -> list[Case]:
     """Return the first finished episode of each method."""
     first: dict[str, Case] = {}
     for case in study.cases:
-        if study.path(case).is_file():
+        if case.label not in first and study.kept(case):
             first.setdefault(case.label, case)
     return list(first.values())[:_COLUMNS]
 
