@@ -132,7 +132,7 @@ class LowLevel(ABC):
             if np.isfinite(u).all():
                 return u
         self.damped += 1
-        return self.bounded(at, at.x, self._damp(at.mode, state))
+        return self.bounded(at, at.x, self._damp(at.mode, np.asarray(x, dtype=float)))
 
     def __call__(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
         """Return :meth:`control`."""

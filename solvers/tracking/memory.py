@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import LoweredMode
+from piaffe.ocp import ORIGIN, LoweredMode
 
 from .contacts import MeasuredContacts
 from .gains import JointPD
@@ -121,7 +121,7 @@ class NativeTick:
         if address is not None and getattr(plan, "modes", ()) == self._modes:
             self._low.plan = address
             return
-        self._plan.hold(followed(plan))
+        self._plan.hold(followed(plan), getattr(plan, "anchor", ORIGIN))
         self._low.plan = self._plan.address
 
     def change(self, slots: Mapping[LoweredMode, Changes], masks: bool) -> None:

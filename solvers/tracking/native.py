@@ -10,7 +10,7 @@ from importlib.resources import files
 import casadi as cs
 
 from piaffe.codegen import SOLVER_FLAGS, NoCompilerError, build, generate, load
-from piaffe.ocp import LoweredMode
+from piaffe.ocp import LoweredMode, moved_symbols
 
 from .rows import ControlRows
 
@@ -56,14 +56,14 @@ def _functions(rows: ControlRows) -> dict[str, cs.Function]:
     """Return the functions of a mode; matrices are dense and row by row, ∂rows/∂z are its nonzeros."""
     (x, u, z, p), space, nu = rows.symbols, rows.mode.state, rows.mode.nu
     begin, end, measured = (cs.SX.sym(name, space.nx) for name in ("begin", "end", "measured"))
-    share = cs.SX.sym("share")
+    share, anchor = cs.SX.sym("share"), cs.SX.sym("anchor", 3)
     nominal = space.plus(begin, share * space.minus(end, begin))
-    deviation = space.minus(measured, nominal)
-    found = {
-        "deviation": cs.Function(
-            "deviation", [begin, end, share, measured], [cs.densify(nominal), cs.densify(deviation)]
-        )
-    }
+    x0, y0, yaw = cs.vertsplit(anchor)
+    c, s = cs.cos(yaw), cs.sin(yaw)
+    into = cs.vertcat(-(c * x0 + s * y0), s * x0 - c * y0, -yaw)  # undoes the motion from the origin to the anchor
+    local = cs.vertcat(*moved_symbols([(q, measured[part]) for q, part in space.slices.items()], into))
+    results = [cs.densify(each) for each in (nominal, space.minus(local, nominal), local)]
+    found = {"deviation": cs.Function("deviation", [begin, end, share, measured, anchor], results, {"cse": True})}
     if rows.mode.nz:
         system = cs.densify(cs.horzcat(*rows.system)).T
         found["implicit"] = cs.Function("implicit", [x, u, p], [system], {"cse": True})

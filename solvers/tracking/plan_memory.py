@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ShapeError
-from piaffe.ocp import LoweredMode
+from piaffe.ocp import ORIGIN, LoweredMode, PlanarFrame
 
 from .plan import PlanPhase
 
@@ -25,7 +25,7 @@ _first: Any = ct.c_char.from_buffer
 
 
 class _Plan(ct.Structure):
-    _fields_ = [("num_phases", ct.c_int), ("phases", ct.c_void_p)]
+    _fields_ = [("num_phases", ct.c_int), ("phases", ct.c_void_p), ("anchor", ct.c_double * 3)]
 
 
 class PlanMemory:
@@ -42,8 +42,12 @@ class PlanMemory:
         self._kept_alive: tuple[Any, ...] = ()
         self.address = ct.addressof(self._plan)
 
-    def hold(self, phases: Sequence[PlanPhase]) -> None:
+    def hold(self, phases: Sequence[PlanPhase], anchor: PlanarFrame = ORIGIN) -> None:
         """Refer to the arrays of some phases; arrays of another type or order are copied.
+
+        Args:
+            phases: the phases.
+            anchor: the frame of their states in the world (x, y, yaw).
 
         Raises:
             ShapeError: an array has another size than its mode's.
@@ -57,7 +61,7 @@ class PlanMemory:
             self._plan.phases = ct.addressof(self._room)
         for i, record in enumerate(records):
             _PHASE.pack_into(self._phases, i * _PHASE.size, *record)
-        self._plan.num_phases = len(phases)
+        self._plan.num_phases, self._plan.anchor[:] = len(phases), anchor
         self._kept_alive = (phases, copies)
 
     def _record(self, phase: PlanPhase, copies: list[Array], double: Any = _DOUBLE) -> list[int]:

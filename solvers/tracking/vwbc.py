@@ -196,7 +196,7 @@ class Vwbc(LowLevel):
             ShapeError: the state has another size than the plan's, or there are not nf flags.
             SolverError: contacts are measured and not given, or given and not measured.
         """
-        state, tick = self._in_plan(x), self._tick
+        state, tick = np.asarray(x, dtype=float), self._tick
         if tick is None or state.shape != self._shape:
             self.last = VwbcTick(None, 0, ())
             return super().control(x, t, contacts)
