@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from ..ilqr import STATUS
 from .memory import RecedingMemory
 from .plan import Plan, PlannedPhase
-from .plan_memory import PlanMemory, PlanPool
+from .plan_memory import HEADER, NUM_FIGURES, PART, PlanMemory, PlanPool
 
 Array = NDArray[np.float64]
 
 _TICKS = ("numbers", "solve", "policy")
-HEADER, PART, NUM_FIGURES = 5, 23, 16
-"""Entries of a plan's header, entries per part, and figures; as in ``receding.h``."""
 
 
 class NativeTick:
@@ -48,7 +46,7 @@ class NativeTick:
             cost=figures[6], max_defect=figures[7], max_equality=figures[8], max_inequality=figures[9],
             seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=t,
         )  # fmt: skip
-        self.pool.follow(plan, own)
+        self.pool.follow(plan.parts, own)
         self._last = plan
         return plan
 
@@ -63,6 +61,11 @@ class _Parts(Sequence[PlannedPhase]):
 
     def __init__(self, memory: RecedingMemory, own: PlanMemory) -> None:
         self._memory, self._own = memory, own
+
+    @property
+    def address(self) -> int:
+        """Where low levels in C read the plan."""
+        return self._own.address
 
     def __len__(self) -> int:
         return int(self._own.header[0])

@@ -70,7 +70,7 @@ class HorizonTables(ct.Structure):
         (ct.c_long, "total period"),
         (ct.c_int, "num_entries cycle num_pieces num_segments num_targets num_modes num_transitions"),
         (_P, "entries segments pieces spaces samples frames initial modes transitions mode_tables transition_tables"),
-        (_P, "moved_sample pose solve policy"),
+        (_P, "moved_sample pose solve policy followed"),
     )
 
 
@@ -103,7 +103,7 @@ class Course(ct.Structure):
 class Plan(ct.Structure):
     """See the header."""
 
-    _fields_ = fields((_P, "header numbers"))
+    _fields_ = fields((_P, "header numbers phases view"))
 
 
 class Arena(ct.Structure):

@@ -14,6 +14,7 @@ from ..ilqr import library_of
 from . import structs as s
 from .functions import generated_functions, spaces
 from .keeper import Keeper
+from .plan import followed_modes
 from .program import receding_library
 
 Array = NDArray[np.float64]
@@ -57,7 +58,7 @@ class HorizonMemory(Keeper):
     def _tables(self) -> s.HorizonTables:
         horizon = self.horizon
         calendar, tables = horizon.calendar, horizon.tables
-        own = spaces(horizon)
+        own, own_modes = spaces(horizon), followed_modes(horizon)
         segments = []
         for i, (segment, table) in enumerate(zip(horizon.problem.schedule.segments, tables.segments, strict=True)):
             window = horizon.layout.windows[i]
@@ -97,6 +98,7 @@ class HorizonMemory(Keeper):
             mode_tables=self.array(ct.c_void_p, of_modes), transition_tables=self.array(ct.c_void_p, of_links),
             moved_sample=self._address("moved_sample"), pose=self._address("pose"),
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
+            followed=self.ints([own_modes.index(mode) if mode in own_modes else -1 for mode in self.modes]),
         )  # fmt: skip
 
     def _table(self, name: str) -> int:

@@ -11,7 +11,10 @@ from .plan import StagedPlan as StagedPlan
 from .plan import contacts_at as contacts_at
 from .plan import modes_of as modes_of
 from .plan import stage_at as stage_at
+from .plan_memory import PHASE_BYTES as PHASE_BYTES
+from .plan_memory import PLAN_HEADER as PLAN_HEADER
 from .plan_memory import PlanMemory as PlanMemory
+from .plan_memory import PlanStruct as PlanStruct
 from .program import VwbcTick as VwbcTick
 from .rows import ControlRows as ControlRows
 from .solved_plan import SolvedPlan as SolvedPlan

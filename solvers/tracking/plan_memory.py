@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes as ct
 from collections.abc import Sequence
 from functools import lru_cache
+from importlib.resources import files
 from struct import Struct
 from typing import Any
 
@@ -20,11 +21,17 @@ Array = NDArray[np.float64]
 
 _ARRAYS = ("times", "states", "controls", "feedback", "Q_u", "Q_ux", "Q_uu", "p", "g_mask", "h_mask")
 _PHASE = Struct(f"@2i{len(_ARRAYS)}P")
+PHASE_BYTES = _PHASE.size
+"""Size of ``struct plan_phase``."""
+PLAN_HEADER = files(__package__).joinpath("template", "plan.h").read_text(encoding="utf-8")
+"""The text of ``plan.h``, for other C that makes or reads plans."""
 _DOUBLE = np.dtype(np.float64)
 _first: Any = ct.c_char.from_buffer
 
 
-class _Plan(ct.Structure):
+class PlanStruct(ct.Structure):
+    """See the header."""
+
     _fields_ = [("num_phases", ct.c_int), ("phases", ct.c_void_p), ("anchor", ct.c_double * 3)]
 
 
@@ -37,7 +44,7 @@ class PlanMemory:
 
     def __init__(self, modes: Sequence[LoweredMode]) -> None:
         self._numbers = {mode: i for i, mode in enumerate(modes)}
-        self._plan, self._phases = _Plan(), bytearray(0)
+        self._plan, self._phases = PlanStruct(), bytearray(0)
         self._room: Any = None
         self._kept_alive: tuple[Any, ...] = ()
         self.address = ct.addressof(self._plan)

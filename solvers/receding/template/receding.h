@@ -4,6 +4,7 @@
 #define PIAFFE_RECEDING_H
 
 #include "piaffe.h"
+#include "plan.h"
 
 typedef void (*function)(const vd *const *arg, vd *const *res, vd *w);
 
@@ -73,6 +74,7 @@ typedef struct {
     const Transition *const *transition_tables;
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
     int (*solve)(Problem *, int), (*policy)(Problem *);
+    const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
 } Horizon;
 
 /* Where a tick is in the motion, see Place. */
@@ -115,6 +117,8 @@ enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_A
 typedef struct {
     long *header;
     double *numbers;
+    struct plan_phase *phases;          /* of the view */
+    struct plan *view;                  /* the same plan as low levels read it */
 } Plan;
 
 typedef struct {
@@ -144,4 +148,6 @@ enum { PLANNED, OUTSIDE, NOT_FINITE_STATE };
 int receding_plan(Receding *r, const double *x, double t, const Plan *plan);
 /* Bytes of the solver's memory, and numbers and header entries of a plan, for a horizon that begins at a tick. */
 void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries);
+/* Lets the view of a plan refer to its numbers; a tick does this itself. */
+void receding_view(const Horizon *h, const Plan *plan);
 #endif
