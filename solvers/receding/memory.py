@@ -56,6 +56,10 @@ class RecedingMemory(Keeper):
         self._x[:] = x
         return int(self._plan(ct.addressof(self.c), self._x.ctypes.data, t, ct.addressof(plan.c)))
 
+    def view(self, plan: PlanMemory) -> None:
+        """Let the view of a plan refer to its numbers."""
+        self.tables.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
+
     def reset(self) -> None:
         """Forget the last plan."""
         self.c.has_plan = 0

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.errors import SolverError
+
 from ..ilqr import STATUS
 from .memory import RecedingMemory
 from .plan import Plan, PlannedPhase
@@ -28,32 +30,82 @@ class NativeTick:
 
     def __init__(self, memory: RecedingMemory) -> None:
         self.memory, self.horizon, self.pool = memory, memory.horizon, PlanPool()
-        self._last: Plan | None = None  # the next tick in C reads it, so its memory must not be used again before
+        self.plan: Plan | None = None  # the next tick in C reads it, so its memory must not be used again before
+        self.told = memory.tables.commands
+        """Where :meth:`tell` writes; while a loop makes the plans, the loop's memory."""
+
+    @property
+    def is_lent(self) -> bool:
+        """Whether a loop makes the plans."""
+        return self.told is not self.memory.tables.commands
+
+    def tell(self, commands: Mapping[str, float]) -> None:
+        """Set the commands of the next plan."""
+        self.told[:] = self.memory.tables.commanded(commands)
 
     def __call__(self, x: Array, t: float, commands: Mapping[str, float]) -> Plan:
-        """Return a plan from a state in the world (nx,) that was measured at time t [s]."""
-        for piece, values in zip(self.horizon.courses.pieces, self.memory.tables.commands, strict=True):
-            if piece.functions is not None:
-                values[:] = piece.commanded(commands)
-        own = self.pool.take() or self.memory.plan_memory()
+        """Return a plan from a state in the world (nx,) that was measured at time t [s].
+
+        Raises:
+            SolverError: a loop makes the plans.
+        """
+        self.check_free("plan(x, t)")
+        self.tell(commands)
+        own = self._room()
         if self.memory.plan(x, t, own):
             self.pool.give(own)
             raise self.horizon.outside(t)  # a state that is not finite has been refused before
+        self.plan = self._read(own)
+        return self.plan
+
+    def check_free(self, call: str) -> None:
+        """Raise SolverError if a loop makes the plans."""
+        if self.is_lent:
+            raise SolverError(
+                f"receding horizon: a loop makes its plans - got {call}, expected begin(x, t) and control(x, t) of the "
+                "loop; stop the loop first"
+            )
+
+    def copy(self, of: PlanMemory) -> Plan:
+        """Return a plan with the numbers of another memory."""
+        own = self._copied(of)
+        return self._read(own)
+
+    def go_on_from(self, of: PlanMemory) -> Plan:
+        """Return a copy, from which the next tick starts."""
+        own = self._copied(of)
+        self.plan, self.memory.c.last = self._read(own), own.c
+        return self.plan
+
+    def reset(self) -> None:
+        """Forget the last plan.
+
+        Raises:
+            SolverError: a loop makes the plans.
+        """
+        self.check_free("reset()")
+        self.plan = None
+        self.memory.reset()
+
+    def _room(self) -> PlanMemory:
+        return self.pool.take() or self.memory.plan_memory()
+
+    def _copied(self, of: PlanMemory) -> PlanMemory:
+        own = self._room()
+        own.header[:], own.numbers[:] = of.header, of.numbers
+        self.memory.view(own)
+        return own
+
+    def _read(self, own: PlanMemory) -> Plan:
         header, figures = own.header, own.numbers[:NUM_FIGURES].tolist()
         plan = Plan(
             horizon=self.horizon, parts=_Parts(self.memory, own), anchor=tuple(figures[0:3]),
             moved=tuple(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
             cost=figures[6], max_defect=figures[7], max_equality=figures[8], max_inequality=figures[9],
-            seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=t,
+            seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=figures[10],
         )  # fmt: skip
         self.pool.follow(plan.parts, own)
-        self._last = plan
         return plan
-
-    def reset(self) -> None:
-        """Forget the last plan."""
-        self._last = None
-        self.memory.reset()
 
 
 class _Parts(Sequence[PlannedPhase]):

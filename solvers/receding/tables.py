@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ class HorizonMemory(Keeper):
         modes, links: the modes and transitions, in the order of their numbers.
         solver, library: the libraries of the solver and of the receding horizon; width: doubles per vector of both.
         functions: the generated functions, by name. work: the size of the work array of each.
-        commands: per piece, the commands that its functions read.
+        commands: the commands that the functions of all pieces read.
         c: the structure.
     """
 
@@ -43,8 +44,13 @@ class HorizonMemory(Keeper):
         self.width = self.solver.built.width
         self.functions = generated_functions(horizon)
         self.library, self.work = receding_library(tuple(self.functions.items()), self.width)
-        self.commands: list[Array] = []
+        self.commands: Array = self.keep(self.commanded({}))
         self.c = self._tables()
+
+    def commanded(self, commands: Mapping[str, float]) -> Array:
+        """Return the commands of all pieces, one piece after another: values by name, else the declared ones."""
+        pieces = (each for each in self.horizon.courses.pieces if each.functions is not None)
+        return np.concatenate([np.zeros(0), *(piece.commanded(commands) for piece in pieces)])
 
     def _address(self, name: str) -> int | None:
         """Return the address of a generated function; None if there is no such function."""
@@ -112,20 +118,20 @@ class HorizonMemory(Keeper):
         )  # fmt: skip
 
     def _pieces(self) -> list[s.Piece]:
-        found = []
+        found, told = [], 0
         for i, (piece, (entry, tick)) in enumerate(
             zip(self.horizon.courses.pieces, self.horizon.calendar.firsts, strict=True)
         ):
             of = piece.functions
-            command = np.zeros(0) if of is None else np.array(of.command, dtype=float)
-            self.commands.append(self.keep(command))
+            command = self.commands[told:].ctypes.data
             sizes = (0,) * 5 if of is None else (
                 of.num_memory, of.num_sample, of.num_schedule, of.num_start, len(of.commands)
             )  # fmt: skip
+            told += sizes[-1]
             names = ("start", "begin", "advance", "move", "sample", "pose", "pick")
             found.append(s.Piece(
                 *(self._address(f"piece{i}_{name}") for name in names), *sizes, entry, tick, self.ints(piece.places),
-                self.doubles(piece.schedules), self.doubles(piece.start), command.ctypes.data,
+                self.doubles(piece.schedules), self.doubles(piece.start), command,
                 (ct.c_double * 3)(*piece.first), (ct.c_double * 3)(*piece.last), (ct.c_double * 3)(*piece.turn),
             ))  # fmt: skip
         return found

@@ -133,6 +133,11 @@ class Vwbc(LowLevel):
         """The implementation in use; ``"numpy"`` also without a compiler, and for other methods of the program."""
         return "numpy" if self._tick is None else "native"
 
+    @property
+    def compiled(self) -> NativeTick | None:
+        """The tick in C; None for the readable reference."""
+        return self._tick
+
     def _native(self) -> NativeTick | None:
         """Return the tick in C with the plan in its memory; None if no compiler works."""
         library = tick_library(self._modes, self.rows)

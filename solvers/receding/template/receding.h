@@ -114,14 +114,14 @@ enum { NUM_PARTS, TICK, STATUS, ITERATIONS, HAS_POLICY, HEADER };
 enum { SEGMENT, NUMBER, ENTRY, MODE, STAGES, FIRST, TRANSITION, FLAGS, LAST, AT_TIMES, AT_X, AT_U, AT_K, AT_FEEDBACK, AT_Q_X, AT_Q_U,
        AT_Q_XX, AT_Q_UX, AT_Q_UU, AT_P, AT_G_MASK, AT_H_MASK, AT_P_TRANSITION, PART };
 enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_AT, NUMBERS_S, SOLVE_S, POLICY_S, NUM_FIGURES = 16 };
-typedef struct {
+typedef struct planned {
     long *header;
     double *numbers;
     struct plan_phase *phases;          /* of the view */
     struct plan *view;                  /* the same plan as low levels read it */
 } Plan;
 
-typedef struct {
+typedef struct receding {
     const Horizon *horizon;
     Course course;
     int has_plan;
