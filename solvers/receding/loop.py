@@ -15,6 +15,7 @@ from piaffe.ocp import SAME_TIME
 
 from ..ilqr import STATUS
 from ..solution import Status
+from ..tracking import NativeTick as LowTick
 from ..tracking import Vwbc
 from .loop_memory import PLACES, LoopMemory
 from .native_tick import NativeTick
@@ -63,7 +64,7 @@ class Loop:
     """
 
     def __init__(self, planner: NativeTick | None, low: Vwbc, period: float, latency: float, *, thread: bool) -> None:
-        tick = getattr(low, "compiled", None)
+        tick: LowTick | None = getattr(low, "compiled", None)
         if planner is None or tick is None:
             what, got = ("receding horizon", "numpy") if planner is None else ("low level", type(low).__name__)
             raise SolverError(
@@ -173,7 +174,7 @@ class Loop:
     @property
     def is_planning(self) -> bool:
         """Whether a plan is being made now."""
-        return self._memory.c.work != 0
+        return int(self._memory.c.work) != 0
 
     @property
     def asked(self) -> int:

@@ -18,7 +18,7 @@ from .native_tick import NativeTick
 from .structs import fields
 
 PLACES = 4
-_HEADERS = ("handover.h", "loop.h", "thread.inc")
+_HEADERS = ("handover.h", "loop.h", "thread.inc", "priority.inc")
 _P = ct.c_void_p
 
 

@@ -1,5 +1,5 @@
 /* The loop of plans and ticks, see loop.h. */
-#define _POSIX_C_SOURCE 200809L
+#define _GNU_SOURCE
 #include "loop.h"
 
 #include <math.h>
