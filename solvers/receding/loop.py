@@ -103,6 +103,8 @@ class Loop:
         memory, last = self._memory, self._planner.plan
         begins = -np.inf if last is None else last.measured_at + self._period
         memory.library.loop_init(memory.address, int(last is not None), begins)
+        if last is not None and last is not self._low.plan:
+            memory.wait_with(last)
         if self._thread and (code := memory.library.loop_start(memory.address)):
             why = "this platform has no POSIX threads" if code == _NO_THREADS else "the system refuses one"
             raise SolverError(

@@ -15,6 +15,7 @@ from ..tracking import PLAN_HEADER
 from ..tracking import NativeTick as LowTick
 from .keeper import Keeper
 from .native_tick import NativeTick
+from .plan import Plan
 from .structs import fields
 
 PLACES = 4
@@ -75,6 +76,12 @@ class LoopMemory(Keeper):
         """Make a plan now."""
         self._x[:] = x
         self.library.loop_begin(self.address, self._x.ctypes.data, t)
+
+    def wait_with(self, plan: Plan) -> None:
+        """Let a plan of the planner wait for its start."""
+        place = int(self.c.plans.next)
+        self.planner.copy_into(self.places[place], plan)
+        self.c.measured_at[place], self.c.seconds[place], self.c.waits = plan.measured_at, 0.0, 1
 
     def take_fault(self) -> int:
         """Return the code of what went wrong since the last call, 0 for nothing."""

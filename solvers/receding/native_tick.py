@@ -90,11 +90,19 @@ class NativeTick:
     def _room(self) -> PlanMemory:
         return self.pool.take() or self.memory.plan_memory()
 
+    def copy_into(self, own: PlanMemory, plan: Plan) -> None:
+        """Write a plan of this tick into another memory."""
+        assert isinstance(plan.parts, _Parts)  # of this tick
+        self._fill(own, plan.parts.memory)
+
     def _copied(self, of: PlanMemory) -> PlanMemory:
         own = self._room()
+        self._fill(own, of)
+        return own
+
+    def _fill(self, own: PlanMemory, of: PlanMemory) -> None:
         own.header[:], own.numbers[:] = of.header, of.numbers
         self.memory.view(own)
-        return own
 
     def _read(self, own: PlanMemory) -> Plan:
         header, figures = own.header, own.numbers[:NUM_FIGURES].tolist()
@@ -111,16 +119,16 @@ class NativeTick:
 class _Parts(Sequence[PlannedPhase]):
     """The phases of a plan in C memory, as views that are made on first use."""
 
-    def __init__(self, memory: RecedingMemory, own: PlanMemory) -> None:
-        self._memory, self._own = memory, own
+    def __init__(self, of: RecedingMemory, memory: PlanMemory) -> None:
+        self._of, self.memory = of, memory
 
     @property
     def address(self) -> int:
         """Where low levels in C read the plan."""
-        return self._own.address
+        return self.memory.address
 
     def __len__(self) -> int:
-        return int(self._own.header[0])
+        return int(self.memory.header[0])
 
     def __getitem__(self, index: Any) -> Any:
         return self._all[index]
@@ -130,7 +138,7 @@ class _Parts(Sequence[PlannedPhase]):
         return tuple(self._part(i) for i in range(len(self)))
 
     def _part(self, i: int) -> PlannedPhase:
-        memory, own = self._memory, self._own
+        memory, own = self._of, self.memory
         segment, number, entry, mode_number, n, _, link, flags, _, *at = (
             own.header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
         )  # fmt: skip

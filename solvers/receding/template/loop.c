@@ -54,12 +54,15 @@ static void follow_next(struct loop *l)
     l->waits = 0, l->ready = 1, l->taken++;
 }
 
-/* A plan acts from its start on; one that is complete later acts at once. */
+/* A plan acts from its start on; one that is complete later acts at once. The planner makes one at a time, so this ends. */
 static void take_plan(struct loop *l, double t)
 {
     if (l->open && t >= l->due - SAME_TIME) l->missed += is_busy(l), l->open = 0;
-    if (!l->waits) l->waits = receive(&l->plans);
-    if (l->waits && l->views[l->plans.next]->phases[0].times[0] <= t + SAME_TIME) follow_next(l);
+    for (;;) {
+        if (!l->waits) l->waits = receive(&l->plans);
+        if (!l->waits || l->views[l->plans.next]->phases[0].times[0] > t + SAME_TIME) return;
+        follow_next(l);
+    }
 }
 
 static void ask(struct loop *l, const double *x, double t)
