@@ -1,9 +1,9 @@
 """Run Mini Cheetah's trot against the real clock: plans in a thread of C, ticks 500 or 1000 times a second, MuJoCo.
 
-Each row is one episode with a plan rate. A plan is missed if it is not complete a latency, which is the period, after its
-state; a tick is late if its torques are not ready before the next tick is due. For late ticks, the largest of these times
-within the four steps before is the cause: the sleep that was too long, the tick, the step of the simulator; and whether
-the system took the processor away or the garbage collector ran meanwhile.
+Each row is one episode with a plan rate. A plan is missed if it is not complete a latency, which is the period, after
+its state; a tick is late if its torques are not ready before the next tick is due. The cause of a late tick is the
+largest of these times within the last four steps: a sleep that was too long, a tick, a step of the simulator; and
+whether the system took the processor away, or the garbage collector ran.
 """
 
 from __future__ import annotations
@@ -118,11 +118,15 @@ def main(
     """Print and return missed plans and late ticks for each plan rate."""
     rows = [episode(*each, seconds, priority) for _ in range(repeats) for each in RATES]
     results = {"benchmark": "wall_clock", "seconds": seconds, "rows": rows, **surroundings()}
-    lines = [f"trot against the real clock, {seconds:g} s\n{'plans/s':>8}{'ticks/s':>8}{'missed':>14}{'late ticks':>18}{'latest ms':>11}"]
+    lines = [
+        f"trot against the real clock, {seconds:g} s",
+        f"{'plans/s':>8}{'ticks/s':>8}{'missed':>14}{'late ticks':>18}{'latest ms':>11}",
+    ]
     for row in rows:
+        late = f"{row['late_ticks']:9} = {row['late_percent']:.3f} %{row['latest_ms']:11.2f}"
         lines.append(
-            f"{row['plans_per_s']:8}{1 / row['tick_s']:8.0f}{row['missed_plans']:6} of {row['plans']:5}{row['late_ticks']:9} = "
-            f"{row['late_percent']:.3f} %{row['latest_ms']:11.2f}  plan {row['plan_ms']} ms, tick {row['tick_us']} µs, "
+            f"{row['plans_per_s']:8}{1 / row['tick_s']:8.0f}{row['missed_plans']:6} of {row['plans']:5}{late}  "
+            f"plan {row['plan_ms']} ms, tick {row['tick_us']} µs, "
             f"{'upright' if row['upright'] else 'fell'}, {row['causes'] or 'none late'}"
         )
     tell(results, lines, json=json, save=save)

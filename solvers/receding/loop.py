@@ -108,8 +108,8 @@ class Loop:
         if self._thread and (code := memory.library.loop_start(memory.address)):
             why = "this platform has no POSIX threads" if code == _NO_THREADS else "the system refuses one"
             raise SolverError(
-                f"loop: no thread for plans - got {why}, expected a thread; use running(low, thread=False), which makes "
-                "plans within the tick"
+                f"loop: no thread for plans - got {why}, expected a thread; use running(low, thread=False), which "
+                "makes plans within the tick"
             )
         memory.told[:] = self._planner.told
         self._planner.told = memory.told
@@ -249,10 +249,13 @@ def _end(memory: LoopMemory, low: Vwbc, process: int) -> None:
     memory.low.tick_by_itself()
     planner.memory.tables.commands[:] = memory.told
     planner.told = planner.memory.tables.commands
-    last = None
+    acting = c.plans.acting
+    followed = planner.copy(memory.places[acting]) if c.taken else None
     if forked:
         planner.reset()  # its memory may be half written
+    elif c.newest == acting and followed is not None:
+        planner.go_on_from(followed)
     elif c.newest < PLACES:
-        last = planner.go_on_from(memory.places[c.newest])
-    if c.taken:
-        low.follow(last if last is not None and c.newest == c.plans.acting else planner.copy(memory.places[c.plans.acting]))
+        planner.go_on_from(planner.copy(memory.places[c.newest]))
+    if followed is not None:
+        low.follow(followed)

@@ -1,4 +1,4 @@
-"""The memory of a loop in C: ``struct loop`` of ``template/loop.h``, places for plans, and the library that works on it."""
+"""The memory of a loop in C, ``struct loop`` of ``template/loop.h``, and the library that works on it."""
 
 from __future__ import annotations
 

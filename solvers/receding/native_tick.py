@@ -68,14 +68,17 @@ class NativeTick:
 
     def copy(self, of: PlanMemory) -> Plan:
         """Return a plan with the numbers of another memory."""
-        own = self._copied(of)
+        own = self._room()
+        self._fill(own, of)
         return self._read(own)
 
-    def go_on_from(self, of: PlanMemory) -> Plan:
-        """Return a copy, from which the next tick starts."""
-        own = self._copied(of)
-        self.plan, self.memory.c.last = self._read(own), own.c
-        return self.plan
+    def copy_into(self, own: PlanMemory, plan: Plan) -> None:
+        """Write a plan of this tick into another memory."""
+        self._fill(own, _memory_of(plan))
+
+    def go_on_from(self, plan: Plan) -> None:
+        """Let the next tick start from a plan of this tick."""
+        self.plan, self.memory.c.last = plan, _memory_of(plan).c
 
     def reset(self) -> None:
         """Forget the last plan.
@@ -89,16 +92,6 @@ class NativeTick:
 
     def _room(self) -> PlanMemory:
         return self.pool.take() or self.memory.plan_memory()
-
-    def copy_into(self, own: PlanMemory, plan: Plan) -> None:
-        """Write a plan of this tick into another memory."""
-        assert isinstance(plan.parts, _Parts)  # of this tick
-        self._fill(own, plan.parts.memory)
-
-    def _copied(self, of: PlanMemory) -> PlanMemory:
-        own = self._room()
-        self._fill(own, of)
-        return own
 
     def _fill(self, own: PlanMemory, of: PlanMemory) -> None:
         own.header[:], own.numbers[:] = of.header, of.numbers
@@ -158,3 +151,8 @@ class _Parts(Sequence[PlannedPhase]):
             segment, number, memory.horizon.calendar.entries[entry].phase.name, mode, times, x, u, k, K, Q_x, Q_u,
             Q_xx, Q_ux, Q_uu, p, g_mask, h_mask, transition, p_transition, bool(max(flags, 0) & 1),
         )  # fmt: skip
+
+
+def _memory_of(plan: Plan) -> PlanMemory:
+    assert isinstance(plan.parts, _Parts)  # a tick in C has made it
+    return plan.parts.memory

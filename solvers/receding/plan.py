@@ -160,7 +160,7 @@ class Plan:
 
 
 def followed_modes(horizon: Horizon) -> tuple[LoweredMode, ...]:
-    """Return the modes of a horizon that low levels follow: those with states and controls of the first model's size."""
+    """Return the modes that low levels follow: those with states and controls of the first model's size."""
     head = horizon.models[0]
     every = (store.lowered for store in horizon.tables.modes)
     return tuple(

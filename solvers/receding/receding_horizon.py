@@ -13,8 +13,8 @@ from piaffe.ocp import SAME_TIME, Horizon, Problem
 
 from ..ilqr import Backend, Fixed, Options
 from ..tracking import Vwbc
-from .memory import RecedingMemory
 from .loop import Loop, time_goes_back
+from .memory import RecedingMemory
 from .native_tick import NativeTick
 from .numpy_tick import NumpyTick
 from .plan import Plan
@@ -136,10 +136,9 @@ class RecedingHorizon:
         return self._planned(state, t)
 
     def running(self, low: Vwbc, *, thread: bool = True) -> Loop:
-        """Return a loop of this receding horizon and a low level, which the caller starts::
+        """Return a loop of this receding horizon and a low level, which the caller starts.
 
-            with mpc.running(low) as loop:
-                u = loop.control(x, t)
+        ``with mpc.running(low) as loop`` starts and stops it; ``loop.control(x, t)`` is the control.
 
         Args:
             low: the low level, made for a plan of this horizon: ``Vwbc(mpc.plan(mpc.initial, 0.0))``.

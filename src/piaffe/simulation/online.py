@@ -131,9 +131,8 @@ def run_online(
 
 def _runs_in_loop(planner: Any, low: Any) -> bool:
     """Return whether a planner has loops, and both are compiled."""
-    return callable(getattr(planner, "running", None)) and getattr(planner, "backend", "") == getattr(
-        low, "backend", ""
-    ) == "native"
+    backends = {getattr(each, "backend", "") for each in (planner, low)}
+    return callable(getattr(planner, "running", None)) and backends == {"native"}
 
 
 def _initial(planner: Any, low: Any, plant: Plant) -> Array:

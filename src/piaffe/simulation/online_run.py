@@ -261,9 +261,9 @@ class OnlineRun:
     def _deadlines(self) -> Deadlines | None:
         if self.clock is None:
             return None
-        asked, missed = (
-            (self.planning.asked - 1, self.planning.missed) if isinstance(self.planning, PlanningInThread | PlanningInLoop) else (0, 0)
-        )
+        asked = missed = 0
+        if isinstance(self.planning, PlanningInThread | PlanningInLoop):
+            asked, missed = self.planning.asked - 1, self.planning.missed
         return Deadlines(
             max(asked, 0), missed, self.clock.ticks, self.clock.missed, self.clock.latest, self.clock.real_time
         )

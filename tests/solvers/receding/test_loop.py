@@ -354,8 +354,8 @@ def test_what_cannot_run_in_a_loop_is_refused():
     with pytest.raises(SolverError, match="the low level is for other plans"):
         robot(declared=mass())[0].running(robot()[1])
     for latency in (0.0, 0.03):
+        mpc, low = robot(latency, declared=mass())
         with pytest.raises(SolverError, match=rf"a plan in a thread needs time - got a latency of {latency:g} s"):
-            mpc, low = robot(latency, declared=mass())
             mpc.running(low)
 
 

@@ -1,4 +1,4 @@
-"""Low levels that follow plans of the receding horizon: states are measured in the world, plans have their own frame."""
+"""Low levels follow plans of the receding horizon: states are measured in the world, a plan has its own frame."""
 
 import numpy as np
 import pytest
