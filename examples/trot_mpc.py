@@ -13,8 +13,9 @@ def swing(s):
     return 1 - s.feet.contact
 
 
-# The weights were chosen by hand for five gaits at 0.5 m/s, from this initial state, at friction 0.7 and without noise.
-trot = models.gaits.trot(speed=0.5, velocity_gain=0.05)  # [m/s], [s]
+# The weights were chosen by hand for five gaits at 0.5 m/s, with rotors and losses of joints, on seeds 1000 to 1013 of
+# start, mass and friction.
+trot = models.gaits.trot(speed=0.5, velocity_gain=0.02)  # [m/s], [s]
 objective = ocp.Objective(
     ocp.track(base.position, weight=(0, 0, 50)),
     ocp.track(base.orientation, weight=(2, 2, 1)),
@@ -33,7 +34,7 @@ limits = ocp.Constraints(
     models.friction_cone(mu=0.6), models.torque_limits(), models.joint_limits(), models.joint_speed_limits(),
     models.base_height(minimum=0.13), models.foot_clearance(minimum=0.0),
 )  # fmt: skip
-effort = ocp.track(feet.force, weight=0.0003)  # a larger weight on the rigid body's forces slows the robot down
+effort = ocp.track(feet.force, weight=0.008)  # the weights of the rigid body have no torques
 cascade = body.over(0.25, dt=0.01).without(effort) + srb.over(0.50, dt=0.05).without(limits)
 problem = ocp.Problem(trot, cascade, objective + effort, limits, initial=body.state(joints="stand"))
 

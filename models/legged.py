@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -51,6 +51,7 @@ class LeggedModel(ModelBase):
         state: the blocks of its state.
         control: its control space.
         slots: its parameters and their defaults.
+        positive: names of those that must be above zero.
         cut_by_modes: whether a change of contacts begins a new phase.
         terrain: the ground on which ``state(...)`` places the robot; level at z = 0 by default.
     """
@@ -66,11 +67,13 @@ class LeggedModel(ModelBase):
         control: Manifold,
         *,
         slots: Mapping[str, Any],
+        positive: Sequence[str] = (),
         cut_by_modes: bool = True,
         terrain: Terrain | None = None,
     ) -> None:
         fixed = tuple(
-            Slot(key, np.size(value), tuple(np.ravel(value).astype(float).tolist())) for key, value in slots.items()
+            Slot(key, np.size(value), tuple(np.ravel(value).astype(float).tolist()), key in positive)
+            for key, value in slots.items()
         )
         super().__init__(name, RobotState(state, robot, terrain), control, slots=fixed, cut_by_modes=cut_by_modes)
         self.robot = robot

@@ -46,7 +46,8 @@ class SingleRigidBody(LeggedModel):
 
         v̇ = Σ s f / m + g,        I ω̇ = Rᵀ Σ s (r − p) × f − ω × I ω
 
-    A change of contacts does not begin a new phase: flags and footholds are parameters of each node. Forces of feet in
+    A change of contacts does not begin a new phase: flags and footholds are parameters of each stage, those at its
+    middle. Forces of feet in
     the air have no effect on the dynamics. Terms see these forces unmasked, so a cost on ``feet.force`` keeps them at
     zero.
 
@@ -97,6 +98,11 @@ class SingleRigidBody(LeggedModel):
     def slots_from_motion(self) -> Mapping[str, Quantity]:
         """The footholds are the feet of the reference."""
         return {"footholds": feet.position}
+
+    @property
+    def acting(self) -> frozenset[Quantity]:
+        """Contacts, footholds and forces act during a whole stage: a stage takes them at its middle."""
+        return frozenset({feet.contact, feet.position, feet.force})
 
     def node_parameters(self, node: Node) -> dict[str, Array]:
         """Return the contact flags and the footholds of a node."""

@@ -113,7 +113,8 @@ class WholeBody(NumericWholeBody):
         positions = (*POSE_BLOCKS, Block(joints.position, robot.joint_names))
         velocities = (*VELOCITY_BLOCKS, Block(joints.velocity, robot.joint_names, rate_of=joints.position))
         control = Manifold((Block(joints.torque, robot.joint_names),))
-        super().__init__(robot, name or robot.name, (*positions, *velocities), control, slots=slots)
+        blocks = (*positions, *velocities)
+        super().__init__(robot, name or robot.name, blocks, control, slots=slots, positive=("friction_speed",))
         self.integrator = chosen
         self.impact_rule: Impact = impact
         self._baumgarte = None if baumgarte is None and chosen == "midpoint" else gamma

@@ -44,6 +44,7 @@ from .guess import guess_controls, guess_states
 from .lowering import LEFT_OUT, lower_mode
 from .mode import LoweredMode
 from .numbers import Numbers
+from .stages import stages_of
 from .timeline import HorizonPhase, check_phase_ends, covers, horizon_phases
 from .transition import LoweredTransition, lower_transition
 from .vectorised import Vectorised
@@ -169,17 +170,18 @@ class Compilation:
         times: Array = span.start + segment.dt * np.arange(n + 1.0)
         placed = self.path.intervals(span.end)
         check_phase_ends(span, placed)
-        inside = [span.interval_at(t, placed) for t in times[:-1]]
-        inside.append(self.path.interval_before(times[-1]) if not model.cut_by_modes else span.interval)
-        samples = [self.path.sample(t, interval) for t, interval in zip(times, inside, strict=True)]
+        stages = stages_of(span, times, placed, self.path)
+        inside, samples = stages.intervals, stages.samples
         ending: set[At] = {"running"}
         if span.ends_phase:
             ending.add("phase_end")
         if follower is None:
             ending.add("end")
         nodes = [
-            self.node(span, t, interval, sample, is_end=k == n)
-            for k, (t, interval, sample) in enumerate(zip(times, inside, samples, strict=True))
+            self.node(span, t, interval, sample, is_end=k == n, tracked=tracked)
+            for k, (t, interval, sample, tracked) in enumerate(
+                zip(times, inside, stages.acting, stages.tracked, strict=True)
+            )
         ]
         p, applies = np.empty((n + 1, mode.layout.size)), np.empty((n + 1, len(self.terms)), dtype=bool)
         for interval, run in groupby(range(n), key=lambda k: inside[k]):
@@ -203,7 +205,8 @@ class Compilation:
         states = guess_states(model, samples, self.start)
         if i == 0:
             states[0] = self.problem.initial
-        controls = guess_controls(model, nodes[:-1], states, mode.layout, p[:-1])
+        acting = guess_states(model, stages.acting, self.start) if model.acting else states
+        controls = guess_controls(model, nodes[:-1], acting, mode.layout, p[:-1])
         return CompiledPhase(
             name=span.interval.phase.name,
             label=str(mode_now) if model.cut_by_modes else SCHEDULED,
@@ -255,7 +258,10 @@ class Compilation:
         except (ModelError, ProblemError):
             return None
 
-    def node(self, span: HorizonPhase, t: float, interval: PlacedPhase, sample: Sample, *, is_end: bool) -> Node:
+    def node(
+        self, span: HorizonPhase, t: float, interval: PlacedPhase, sample: Sample, *, is_end: bool,
+        tracked: Sample | None = None,
+    ) -> Node:  # fmt: skip
         """Return the node for which a model returns the values of its slots."""
         model = span.model
         key = (model, interval.piece, interval.index)
@@ -265,7 +271,7 @@ class Compilation:
         now, before = self._modes[key]
         after = self.neighbour(model, span.following) if is_end else None
         steps = round((t - interval.start) / span.segment.dt)
-        return Node(t, now, after, sample, before, steps, span.segment.dt)
+        return Node(t, now, after, sample, before, steps, span.segment.dt, tracked)
 
     def plain_node(self, model: ModelBase, interval: PlacedPhase, sample: Sample) -> Node:
         """Return a node at the start of a phase, for slots that depend on the sample alone."""

@@ -274,13 +274,13 @@ class Numbers:
         assert quantity is not None  # only tracked quantities have a target slot
         values = np.empty((len(nodes), size))
         for row, node in zip(values, nodes, strict=True):
-            found = node.sample.get(quantity)
+            found = node.targets.get(quantity)
             if found is None:
-                found = next((value for q, value in node.sample.items() if q.path == quantity.path), None)
+                found = next((value for q, value in node.targets.items() if q.path == quantity.path), None)
             if found is None:
                 raise ProblemError(
                     f"term '{term.name}' ({term.source}): the motion has no target for it - got targets "
-                    f"{sorted(q.path for q in node.sample)}, expected '{quantity}'; give to=..., or put it in the "
+                    f"{sorted(q.path for q in node.targets)}, expected '{quantity}'; give to=..., or put it in the "
                     "keyframes or the reference"
                 )
             row[:] = _sized(term, found, size, each.labels)

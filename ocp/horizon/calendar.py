@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from math import gcd, inf
+from fractions import Fraction
+from math import gcd, inf, lcm
 from typing import NamedTuple
 
 from piaffe.errors import ProblemError
 
-from ..language import SAME_TIME, Phase, Piece, PlacedPhase, Schedule
+from ..language import SAME_TIME, Phase, Piece, PlacedPhase, Schedule, model_of
 
-_UNIT = 1e-9  # [s]; ticks are whole multiples of it
+_FINEST = 1_000_000  # a time step is a fraction of seconds with a denominator up to this
 _SHORTEST = 1e-4  # shortest tick [s]
 _CYCLES = 3
 """Cycles of an endless piece that have tables of their own; later ones repeat the last.
@@ -59,10 +60,13 @@ class Calendar:
 
     Args:
         pieces: the pieces of the motion; only the last may be endless.
-        schedule: its time steps define the tick, their largest common divisor.
+        schedule: its time steps define the tick, their largest common divisor. The middle of a stage is a tick too
+            where something acts there.
 
     Attributes:
         tick: length of a tick [s].
+        steps: ticks of a step of each segment.
+        halves: ticks from the start of a stage to its middle where something acts there (``ModelBase.acting``), else 0.
         entries: the phases; of an endless piece those of the first cycles.
         following: per entry the entry after it; -1 at the motion's end.
         total: number of ticks; infinite if the motion is endless.
@@ -75,15 +79,19 @@ class Calendar:
     """
 
     def __init__(self, pieces: tuple[Piece, ...], schedule: Schedule) -> None:
-        self.steps = tuple(round(segment.dt / _UNIT) for segment in schedule.segments)
-        unit = gcd(*self.steps)
-        self.tick = unit * _UNIT
+        steps = [Fraction(segment.dt).limit_denominator(_FINEST) for segment in schedule.segments]
+        acting = [bool(model_of(segment).acting) for segment in schedule.segments]
+        apart = [step / 2 if each else step for step, each in zip(steps, acting, strict=True)]
+        common = lcm(*(step.denominator for step in apart))
+        unit = Fraction(gcd(*(int(step * common) for step in apart)), common)
+        self.tick = float(unit)
         if self.tick < _SHORTEST - SAME_TIME:
             raise ProblemError(
                 f"horizon: time steps have no common divisor - got {', '.join(f'{s.dt:g}' for s in schedule.segments)} "
                 f"s, expected whole multiples of {_SHORTEST:g} s or more; choose time steps that divide each other"
             )
-        self.steps = tuple(step // unit for step in self.steps)
+        self.steps = tuple(int(step / unit) for step in steps)
+        self.halves = tuple(step // 2 if each else 0 for step, each in zip(self.steps, acting, strict=True))
         entries: list[Entry] = []
         self.firsts: list[tuple[int, int]] = []
         at = 0

@@ -27,7 +27,7 @@ from .calendar import Calendar, Place
 from .course import Course, Courses
 from .samples import Samples
 from .spans import Span, SpanLayout
-from .tables import LANDS, RESETS, Indices, RowStore, Tables
+from .tables import LANDS, OWN, RESETS, Indices, RowStore, Tables
 from .targets import Copies
 
 Array = NDArray[np.float64]
@@ -55,6 +55,9 @@ class Horizon:
         ProblemError: the problem does not compile, or a time step or phase does not fit the grid.
     """
 
+    latest = 1e7
+    """Time [s] from which on no horizon begins: rounding errors of times come near to ``SAME_TIME``."""
+
     def __init__(self, problem: Problem) -> None:
         require_derivatives(problem, "Horizon")
         self.problem = problem
@@ -67,6 +70,7 @@ class Horizon:
         self.targets = samples.targets
         self.tables = Tables(compilation, calendar, self.targets, samples.at)
         self.state_copies = tuple(self.targets.state_copies(model) for model in self.models)
+        self.acting = tuple(self.targets.acting_copies(model) for model in self.models)
         pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
         self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)
         self._first = self.at(self.begin(problem.initial, 0.0), problem.initial)
@@ -135,7 +139,7 @@ class Horizon:
     def tick_of(self, t: float) -> int:
         """Return the tick of a time since the motion's start [s], a multiple of the first model's step."""
         step = self.calendar.steps[0]
-        k = round(t / self.dt) * step if np.isfinite(t) else -1
+        k = round(t / self.dt) * step if abs(t) < self.latest else -1  # not NaN either
         if not 0 <= k <= self.calendar.total - step:
             raise self.outside(t)
         return k
@@ -143,7 +147,8 @@ class Horizon:
     def outside(self, t: float) -> ProblemError:
         """Return the error of a time at which no plan can begin."""
         return ProblemError(
-            f"horizon: time is outside the motion - got t = {t:g} s, expected 0 ≤ t ≤ {self.duration - self.dt:g} s; "
+            f"horizon: time is outside the motion - got t = {t:g} s, expected 0 ≤ t ≤ "
+            f"{min(self.duration - self.dt, self.latest):g} s; "
             "stop the controller there, or declare a longer motion"
         )
 
@@ -169,8 +174,10 @@ class Horizon:
         for name, value in commands.items():
             if name not in self.commands:
                 raise UnknownNameError("horizon", "command", name, self.commands)
-            if not np.isfinite(value):
-                raise ProblemError(f"horizon, command '{name}': is not finite - got {value}, expected a number; fix it")
+            if not (isinstance(value, int | float | np.number) and np.isfinite(value)):
+                raise ProblemError(
+                    f"horizon, command '{name}': is not finite - got {value!r}, expected a number; fix it"
+                )
         return {name: float(value) for name, value in commands.items()}
 
     # ---- numbers
@@ -192,48 +199,68 @@ class Horizon:
             lowered=0, compile_s=0.0,
         )  # fmt: skip
 
-    def arrival(self, course: Course) -> tuple[LoweredTransition, Array] | None:
-        """Return the impact at the present and its parameters; None if no phase with a landing ends now.
+    def arrival(self, course: Course, k: int | None = None) -> tuple[LoweredTransition, Array] | None:
+        """Return the impact at the present, or at a later tick k, and its parameters; None if no landing is then.
 
         A measured state may be from before or after it. The impact changes only a state from before it: the velocities
-        of the landing feet are already zero after it.
+        of the landing feet are already zero after it. A reset of the user has no such property, so with one the state
+        counts as after both.
         """
-        calendar, place = self.calendar, course.place
+        calendar, at = self.calendar, course.tick if k is None else k
+        place = calendar.at(at)
         before = calendar.previous(place)
-        if place.start != course.tick or before < 0 or not self.layout.cut[0]:
+        if place.start != at or before < 0 or not self.layout.cut[0]:
             return None
         table = self.tables.segments[0]
-        at = int(table.first[before]) + calendar.entries[before].length
-        link = table.link[0, at]
-        if link[0] < 0 or not link[3] & LANDS:
+        link = table.link[0, int(table.first[before]) + calendar.entries[before].length]
+        if link[0] < 0 or not link[3] & LANDS or link[3] & OWN:
             return None
         store = self.tables.transitions[int(link[0])]
         assert isinstance(store.lowered, LoweredTransition)
-        sample = self.courses.samples(course, [(place, course.tick)])[0]
+        sample = self.courses.samples(course, [(place, at)])[0]
         return store.lowered, _filled(store, link[1:3], sample)
 
-    def nodes(self, span: Span) -> tuple[list[tuple[Place, int]], tuple[Place, int]]:
-        """Return place and tick of a span's stages, and of its last node, whose place is that of the phase before."""
-        calendar, step, cut = self.calendar, self.calendar.steps[span.segment], self.layout.cut[span.segment]
-        stages, place = [], span.place
+    def nodes(self, span: Span) -> list[tuple[Place, int]]:
+        """Return place and tick of a span's nodes (N+1); the place of the last is that of the phase before it."""
+        step, nodes, place = self.calendar.steps[span.segment], [], span.place
         for j in range(span.stages + 1):
             k = span.first + j * step
-            last = j == span.stages
-            while (
-                not cut and k >= (end := place.start + calendar.entries[place.entry].length) and not (last and k == end)
-            ):
-                place = calendar.next(place)
-            stages.append((place, k))
-        return stages[:-1], stages[-1]
+            place = self._place_from(place, k, span, last=j == span.stages)
+            nodes.append((place, k))
+        return nodes
+
+    def middles(self, span: Span) -> list[tuple[Place, int]]:
+        """Return place and tick of what acts during a span's stages (N), see ``Stages``."""
+        if not self.calendar.halves[span.segment]:
+            return self.nodes(span)[:-1]
+        step, nodes, place = self.calendar.steps[span.segment], [], span.place
+        for j in range(span.stages):
+            k = span.first + j * step + self.calendar.halves[span.segment]
+            place = self._place_from(place, k, span, last=False)
+            nodes.append((place, k))
+        return nodes
+
+    def _place_from(self, place: Place, k: int, span: Span, *, last: bool) -> Place:
+        """Return the place of tick k, at or after a place."""
+        calendar = self.calendar
+        while not self.layout.cut[span.segment]:
+            end = place.start + calendar.entries[place.entry].length
+            if k < end or (last and k == end):
+                break
+            place = calendar.next(place)
+        return place
 
     def _phase(self, i: int, spans: Sequence[Span], course: Course) -> CompiledPhase:
         span, calendar, tables = spans[i], self.calendar, self.tables
         table, segment = tables.segments[span.segment], self.problem.schedule.segments[span.segment]
         mode_number = int(table.mode[span.place.entry])
         store = tables.modes[mode_number]
-        stages, end = self.nodes(span)
-        samples = self.courses.samples(course, [*stages, end])
-        at = [int(table.first[place.entry]) + k - place.start for place, k in (*stages, end)]
+        nodes, middles = self.nodes(span), self.middles(span)
+        samples = self.courses.samples(course, nodes)
+        if middles != nodes[:-1]:
+            acting = self.acting[span.segment]
+            samples[:-1, list(acting.to)] = self.courses.samples(course, middles)[:, list(acting.of)]
+        at = [int(table.first[place.entry]) + k - place.start for place, k in (*middles, nodes[-1])]
         p = np.array([
             _filled(store, table.stage[row], sample) for row, sample in zip(at[:-1], samples, strict=False)
         ])  # fmt: skip

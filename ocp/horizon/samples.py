@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ProblemError
 
 from ..compiler.compile import Compilation
-from ..language import ORIGIN, PlanarFrame, Quantity, relative
+from ..language import ORIGIN, Cost, PlanarFrame, Quantity, relative
 from .calendar import Calendar
 from .course import PieceTable
 from .tables import tracked_quantities
@@ -76,6 +76,10 @@ class Samples:
             sizes |= {block.quantity.path: block.nx for block in model.state.blocks}
             known |= {block.quantity.path: block.quantity for block in model.state.blocks}
             known |= {quantity.path: quantity for quantity in model.slots_from_motion.values()}
+        for term in self._compilation.terms:  # a transition may follow the motion, too: the impulses of a landing
+            path = term.quantity.path if isinstance(term, Cost) and term.quantity is not None else ""
+            if path in known and path not in sizes:
+                sizes[path] = next(np.size(own[0][known[path]]) for own in self.at if known[path] in own[0])
         start = {quantity.path: value for quantity, value in self._compilation.start.items()}
         quantities = tuple(known.get(path, Quantity(path)) for path in sizes)  # the tables name a missing one
         initial = tuple(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from piaffe.errors import ProblemError
 
-from ..language import Schedule, model_of
+from ..language import Schedule, is_same_time, model_of
 from .calendar import Calendar, Place
 
 
@@ -41,7 +41,8 @@ class SpanLayout:
         schedule: models and time steps.
 
     Raises:
-        ProblemError: a model with a phase per mode has a time step that does not divide the phases.
+        ProblemError: a part is not a whole number of steps, or a model with a phase per mode has a time step that does
+            not divide the phases and the steps of the models before it.
     """
 
     def __init__(self, calendar: Calendar, schedule: Schedule) -> None:
@@ -64,7 +65,8 @@ class SpanLayout:
                     f"{where}: the motion never ends - got until_end on a cyclic motion, expected a finite one; use "
                     ".over(duration, dt)"
                 )
-            if window is not None and window % step:
+            exact = segment.duration is None or is_same_time((window or 0) * self.calendar.tick, segment.duration)
+            if window is not None and (window < 1 or window % step or not exact):
                 raise ProblemError(
                     f"{where}: not a whole number of steps - got {segment.duration:g} s with dt {segment.dt:g} s, "
                     "expected a multiple; change one"
@@ -78,11 +80,12 @@ class SpanLayout:
                     f"'{model_of(segment).name}' - got {bad.phase.duration:g} s with dt {segment.dt:g} s, expected a "
                     "multiple; change one"
                 )
-            if s and steps[0] % step:
-                raise ProblemError(
-                    f"{where}: its phases move by the first model's step - got dt {segment.dt:g} s after "
-                    f"{self.schedule.segments[0].dt:g} s, expected a dt that divides it; shorten it"
-                )
+            for before, other in zip(self.schedule.segments[:s], steps, strict=False):
+                if other % step:
+                    raise ProblemError(
+                        f"{where}: its phases move by the steps of the models before it - got dt {segment.dt:g} s "
+                        f"after {before.dt:g} s, expected a dt that divides it; shorten it"
+                    )
 
     def at(self, k: int) -> tuple[Span, ...]:
         """Return the spans of the horizon that begins at tick k, a multiple of the first model's step."""

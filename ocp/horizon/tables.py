@@ -22,8 +22,8 @@ from .targets import Copies, TargetVector
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-RESETS, LANDS = 1, 2
-"""Flags of a link: the transition changes the state; by an impact."""
+RESETS, LANDS, OWN = 1, 2, 4
+"""Flags of a link: the transition changes the state; by an impact; by a reset of the user."""
 
 
 class RowStore:
@@ -63,7 +63,7 @@ class SegmentTable:
     Args:
         first: per entry, the index of its tick 0 in the tables; an entry of n ticks has n + 1 rows.
         mode: per entry, the index of its mode.
-        stage: row and copies of a stage, (rows, 2).
+        stage: row and copies of a stage that acts at the tick, (rows, 2).
         end: the same of the last node of a part of the horizon, by whether it is the horizon's last, (2, rows, 2).
         link: transition, row, copies, and flags; by whether the next part is of the next
             segment, (2, rows, 4); transition -1 where there is none.
@@ -190,10 +190,10 @@ class Tables:
                 if lowered not in self._links:
                     self._links[lowered] = len(self.transitions)
                     self.transitions.append(RowStore(lowered))
-                number = self._links[lowered]
+                number, user = self._links[lowered], ends_phase and entry.phase.reset is not None
                 copies = self._copies(lowered, interval.phase, RESETTING if lands else NOWHERE)
                 row, own = self.transitions[number].add(p, copies)
-                table.link[int(to_next), at + j] = number, row, own, RESETS * resets + LANDS * lands
+                table.link[int(to_next), at + j] = number, row, own, RESETS * resets + LANDS * lands + OWN * user
 
     def _number(self, mode: LoweredMode) -> int:
         if mode not in self._modes:

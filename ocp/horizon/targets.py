@@ -57,7 +57,7 @@ class TargetVector:
             value = np.ravel(np.asarray(by_path.get(quantity.path, initial), dtype=float))
             if quantity.kind == "rotation":
                 value = value / np.linalg.norm(value)
-            parts.append(np.broadcast_to(value, (size,)))
+            parts.append(np.resize(value, size))  # the tables name a value of another size
         return np.concatenate([np.zeros(0), *parts])
 
     def unpack(self, s: Array) -> dict[Quantity, Array]:
@@ -90,6 +90,12 @@ class TargetVector:
             to += range(part.start, part.stop)
             of += range(self.slices[quantity.path].start, self.slices[quantity.path].stop)
         return Copies(tuple(to), tuple(of))
+
+    def acting_copies(self, model: ModelBase) -> Copies:
+        """Return what a stage of a model takes from the sample of its middle, see ``ModelBase.acting``."""
+        own = {quantity.path for quantity in model.acting}
+        both = tuple(i for path, part in self.slices.items() if path in own for i in range(part.start, part.stop))
+        return Copies(both, both)
 
 
 def moved_symbols(parts: Sequence[tuple[Quantity, cs.SX]], motion: cs.SX) -> list[cs.SX]:

@@ -37,11 +37,13 @@ class Slot:
         name: name within the model, e.g. ``"contact"``.
         size: number of entries.
         default: its value if neither ``node_parameters`` nor a parameter of the problem replaces it, (size,).
+        positive: whether values that replace it must be above zero.
     """
 
     name: str
     size: int
     default: tuple[float, ...]
+    positive: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,10 +54,11 @@ class Node:
         time: time since the motion's start [s].
         mode: the phase's mode, as ``resolve`` returns it; on a boundary the later one, unless the node ends the phase.
         next_mode: at the end of a motion phase, the mode of the next phase; else None.
-        sample: the targets at this time.
+        sample: the targets at this time; at the middle of a stage if the model has quantities that act there.
         previous_mode: the mode of the previous motion phase; None in the first.
         steps: number of stages since the start of the motion phase.
         dt: time step [s]; 0 if it is unknown.
+        tracked: the targets of costs if they are not ``sample``.
     """
 
     time: float
@@ -65,6 +68,12 @@ class Node:
     previous_mode: Hashable | None = None
     steps: int = 0
     dt: float = 0.0
+    tracked: Sample | None = None
+
+    @property
+    def targets(self) -> Sample:
+        """The targets of costs."""
+        return self.sample if self.tracked is None else self.tracked
 
 
 class Quantities:
@@ -262,6 +271,14 @@ class ModelBase(ABC):
         A controller that plans again and again computes these at any time; the other slots follow the phase.
         """
         return {}
+
+    @property
+    def acting(self) -> frozenset[Quantity]:
+        """What acts on the model during a whole stage in which contacts may change; by default nothing.
+
+        A stage takes these quantities, and the motion phase, at its middle. The others are those at its start.
+        """
+        return frozenset()
 
     def reset_size(self, key: str) -> int:
         """Return the size of z in the model's own reset."""

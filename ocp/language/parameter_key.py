@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 ParameterKind = Literal[
@@ -32,12 +32,14 @@ class ParameterKey:
         name: name of the slot or of the parameter; empty for the other kinds.
         model: name of the model that has the slot; empty for the other kinds.
         term: index into the problem's terms; None if the number belongs to no term.
+        positive: whether its values must be above zero, see :class:`Slot`; it does not count in comparisons.
     """
 
     kind: ParameterKind
     name: str = ""
     model: str = ""
     term: int | None = None
+    positive: bool = field(default=False, compare=False)
 
     @property
     def is_bound(self) -> bool:

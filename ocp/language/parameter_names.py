@@ -52,7 +52,8 @@ def parameter_names(terms: Sequence[Cost | Constraint], models: Iterable[ModelBa
 def _of_models(models: Iterable[ModelBase]) -> Iterator[tuple[str, ParameterKey]]:
     for model in dict.fromkeys(models):
         for slot in model.slots:
-            yield f"{model.name}.{slot.name}", ParameterKey("slot", slot.name, model=model.name)
+            key = ParameterKey("slot", slot.name, model=model.name, positive=slot.positive)
+            yield f"{model.name}.{slot.name}", key
 
 
 def _of_terms(terms: Sequence[Cost | Constraint]) -> Iterator[tuple[str, ParameterKey]]:
@@ -124,7 +125,8 @@ def check_value(name: str, key: ParameterKey, value: ArrayLike, where: str, size
 
     Raises:
         ShapeError: the value has another size.
-        ProblemError: it is not a number, it is not finite (a bound may be infinite), or it is a negative weight.
+        ProblemError: it is not a number, it is not finite (a bound may be infinite), or it is a negative weight or not
+            above zero where the model needs that.
     """
     array = numbers_of(value, where, f"parameter '{name}'").ravel()
     if size is not None and array.size != size:
@@ -142,5 +144,9 @@ def check_value(name: str, key: ParameterKey, value: ArrayLike, where: str, size
     if key.kind == "weight" and np.any(array < 0):
         raise ProblemError(
             f"{where}, parameter '{name}': weight is unusable - got {array.tolist()}, expected numbers ≥ 0; fix it"
+        )
+    if key.positive and np.any(array <= 0):
+        raise ProblemError(
+            f"{where}, parameter '{name}': is out of range - got {array.tolist()}, expected numbers > 0; fix it"
         )
     return array

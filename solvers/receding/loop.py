@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError, SolverError
-from piaffe.ocp import SAME_TIME
 
 from ..ilqr import STATUS
 from ..solution import Status
@@ -23,7 +22,7 @@ from .plan import Plan, followed_modes
 
 Array = NDArray[np.float64]
 
-_NOT_FINITE, _TIME_GOES_BACK, _NO_THREADS = 2, 16, 32  # of receding.h and loop.h
+_TIME_GOES_BACK, _NO_THREADS = 16, 32  # of loop.h
 
 
 class ActingPlan(NamedTuple):
@@ -50,7 +49,8 @@ class Loop:
     level's control. All of this is in C, and neither thread waits for the other.
 
     A plan that is not complete when it should begin is missed: the plan before goes on, and the late one acts as soon
-    as it is complete. No plan is asked for while the planner is busy, or from a state that is not finite.
+    as it is complete. No plan is asked for while the planner is busy, or from a state that is not finite; one whose
+    numbers are not finite does not act. These are missed, too.
 
     While a loop runs it owns the receding horizon: ``plan`` and ``reset`` of that are refused, ``command`` works. All
     methods are called from one thread. A loop that is deleted, or left at the end of the program, is stopped.
@@ -76,10 +76,10 @@ class Loop:
                 "loop: the low level is for other plans - got one with other modes, expected those of this receding "
                 "horizon; make it with Vwbc(mpc.plan(mpc.initial, 0.0))"
             )
-        if thread and not 0 < latency <= period + SAME_TIME:
+        if thread and latency == 0:
             raise SolverError(
-                f"loop: a plan in a thread needs time - got a latency of {latency:g} s, expected more than 0 and at "
-                f"most the period, {period:g} s; give RecedingHorizon the latency, or thread=False"
+                f"loop: a plan in a thread needs time - got a latency of 0 s, expected up to the period, {period:g} s; "
+                "give RecedingHorizon the latency, or thread=False"
             )
         self._planner, self._low, self._tick, self._thread = planner, low, tick, thread
         self._memory = LoopMemory(planner, tick, period, latency)
@@ -103,7 +103,7 @@ class Loop:
         memory, last = self._memory, self._planner.plan
         begins = -np.inf if last is None else last.measured_at + self._period
         memory.library.loop_init(memory.address, int(last is not None), begins)
-        if last is not None and last is not self._low.plan:
+        if last is not None and last is not self._low.plan and self._planner.memory.c.has_plan:
             memory.wait_with(last)
         if self._thread and (code := memory.library.loop_start(memory.address)):
             why = "this platform has no POSIX threads" if code == _NO_THREADS else "the system refuses one"
@@ -144,12 +144,17 @@ class Loop:
         Raises:
             ProblemError: the state is not finite, or the plan would begin outside the motion.
             ShapeError: the state has another size.
-            SolverError: the loop does not run.
+            SolverError: the loop does not run, or the plan is not finite.
         """
         self._check_runs()
-        state = self._planner.horizon.checked(x)
+        state, before = self._planner.horizon.checked(x), self.taken
         self._memory.begin(state, t)
         self._check_fault(t)
+        if self.taken == before:
+            raise SolverError(
+                f"loop: there is no plan from this state - got numbers that are not finite at {t:g} s, expected a "
+                "plan; begin from a state nearer to the motion"
+            )
 
     def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
         """Return the low level's control of a state (nx,) measured at time t [s], (nu,); see :class:`Vwbc`.

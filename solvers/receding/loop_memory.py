@@ -11,6 +11,7 @@ import numpy as np
 
 from piaffe.codegen import SOLVER_FLAGS, build, load
 
+from ..ilqr import constants_header
 from ..tracking import PLAN_HEADER
 from ..tracking import NativeTick as LowTick
 from .keeper import Keeper
@@ -38,7 +39,7 @@ class LoopStruct(ct.Structure):
         ),
         ("measured_at", ct.c_double * PLACES), ("seconds", ct.c_double * PLACES), ("plans", _Handover),
         *fields(
-            (ct.c_int, "work fault"), (_P, "thread"), (ct.c_uint, "newest"), (ct.c_double, "now next due"),
+            (ct.c_int, "work fault unusable"), (_P, "thread"), (ct.c_uint, "newest"), (ct.c_double, "now next due"),
             (ct.c_int, "ready waits open skipped"), (ct.c_long, "asked missed taken"),
         ),
     ]  # fmt: skip
@@ -99,7 +100,8 @@ def loop_library(threads: bool = True) -> ct.CDLL:
         threads: whether it may start threads.
     """
     template = files(__package__).joinpath("template")
-    headers = {name: template.joinpath(name).read_text(encoding="utf-8") for name in _HEADERS} | {"plan.h": PLAN_HEADER}
+    headers = {name: template.joinpath(name).read_text(encoding="utf-8") for name in _HEADERS}
+    headers |= {"plan.h": PLAN_HEADER, "constants.h": constants_header()}
     text = template.joinpath("loop.c").read_text(encoding="utf-8")
     flags = (*SOLVER_FLAGS, *(() if threads else ("-DPIAFFE_NO_THREADS",)))
     built = build([("loop", text)], headers=headers, flags=flags, link=("-lm", "-pthread"), width=1, label="loop")

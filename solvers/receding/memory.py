@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
+from math import gcd
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from .plan_memory import PlanMemory
 from .tables import HorizonMemory
 
 Array = NDArray[np.float64]
+
+OUTSIDE, NOT_FINITE_STATE, NOT_FINITE_PLAN = 1, 2, 3
+"""What ``receding_plan`` returns instead of 0; with the last there is a plan, which the next one does not use."""
 
 
 class RecedingMemory(Keeper):
@@ -62,7 +66,7 @@ class RecedingMemory(Keeper):
 
     def reset(self) -> None:
         """Forget the last plan."""
-        self.c.has_plan = 0
+        self.c.has_plan = self.c.began = 0
 
     def _solver_memory(self, options: Options, records: int) -> None:
         c, kinds = self.c, structs_of(self.width)
@@ -116,26 +120,30 @@ class RecedingMemory(Keeper):
         c.x = self.zeros(self.horizon.models[0].state.nx)
 
     def _measure(self) -> None:
-        """Allocate for the longest horizon: every start up to the end of the calendar's entries tells its needs."""
+        """Allocate for the longest horizon: every start up to the end of the calendar's entries tells its needs.
+
+        A cycle need not be a whole number of steps of the first model. Later cycles then begin at other ticks.
+        """
         c, horizon, calendar = self.c, self.horizon, self.horizon.calendar
         step, last = calendar.steps[0], sum(entry.length for entry in calendar.entries)
         most = sum(
             int(last if window is None else window) // each
             for window, each in zip(horizon.layout.windows, calendar.steps, strict=True)
-        )  # stages; a part has at least one, and one node more than stages
+        )  # stages; a part has at least one, one node more than stages, and perhaps a middle for each
         c.spans = ct.addressof(self.keep((s.Span * most)()))
-        c.nodes = ct.addressof(self.keep((s.Node * (2 * most))()))
+        c.nodes = ct.addressof(self.keep((s.Node * (3 * most))()))
         c.firsts = self.ints(np.zeros(most))
-        c.samples = self.zeros(2 * most * horizon.targets.size)
+        c.samples = self.zeros(3 * most * horizon.targets.size)
         size, numbers, entries = ct.c_size_t(), ct.c_long(), ct.c_long()
         needs = []
-        for k in range(0, last - step + 1, step):
+        end = last if calendar.cycle else last - step + 1
+        for k in range(0, end, gcd(step, calendar.period)):
             self.tables.library.receding_sizes(
                 ct.byref(c), ct.c_long(k), ct.byref(size), ct.byref(numbers), ct.byref(entries)
             )
             needs.append((size.value, numbers.value, entries.value))
-        arena, self._numbers, self._entries = (max(each) for each in zip(*needs, strict=True))
-        c.arena.base = self.keep(aligned_zeros(arena // 8 + 8)).ctypes.data
+        self.arena_bytes, self._numbers, self._entries = (max(each) for each in zip(*needs, strict=True))
+        c.arena.base = self.keep(aligned_zeros(self.arena_bytes // 8 + 8)).ctypes.data
 
 
 def _factors(library: Library, name: str) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from piaffe.errors import SolverError
 
 from ..ilqr import STATUS
-from .memory import RecedingMemory
+from .memory import NOT_FINITE_PLAN, RecedingMemory
 from .plan import Plan, PlannedPhase
 from .plan_memory import HEADER, NUM_FIGURES, PART, PlanMemory, PlanPool
 
@@ -30,7 +30,8 @@ class NativeTick:
 
     def __init__(self, memory: RecedingMemory) -> None:
         self.memory, self.horizon, self.pool = memory, memory.horizon, PlanPool()
-        self.plan: Plan | None = None  # the next tick in C reads it, so its memory must not be used again before
+        self.plan: Plan | None = None
+        self._in_c: tuple[PlanMemory, ...] = ()  # memory that C refers to: that of the last plan, which it reads
         self.told = memory.tables.commands
         """Where :meth:`tell` writes; while a loop makes the plans, the loop's memory."""
 
@@ -52,11 +53,18 @@ class NativeTick:
         self.check_free("plan(x, t)")
         self.tell(commands)
         own = self._room()
-        if self.memory.plan(x, t, own):
+        before, self._in_c = self._in_c, (*self._in_c, own)  # before the call, after which Ctrl-C may interrupt
+        if self.memory.plan(x, t, own) not in (0, NOT_FINITE_PLAN):
+            self._in_c = before
             self.pool.give(own)
             raise self.horizon.outside(t)  # a state that is not finite has been refused before
-        self.plan = self._read(own)
+        self.plan, self._in_c = self._read(own), (own,)
         return self.plan
+
+    @property
+    def last_start(self) -> float | None:
+        """When the last plan begins [s]; None if there was none."""
+        return None if self.plan is None else self.plan.start
 
     def check_free(self, call: str) -> None:
         """Raise SolverError if a loop makes the plans."""
@@ -78,7 +86,8 @@ class NativeTick:
 
     def go_on_from(self, plan: Plan) -> None:
         """Let the next tick start from a plan of this tick."""
-        self.plan, self.memory.c.last = plan, _memory_of(plan).c
+        self.plan, self._in_c = plan, (_memory_of(plan),)
+        self.memory.c.last = _memory_of(plan).c
 
     def reset(self) -> None:
         """Forget the last plan.
@@ -87,8 +96,8 @@ class NativeTick:
             SolverError: a loop makes the plans.
         """
         self.check_free("reset()")
-        self.plan = None
         self.memory.reset()
+        self.plan, self._in_c = None, ()
 
     def _room(self) -> PlanMemory:
         return self.pool.take() or self.memory.plan_memory()

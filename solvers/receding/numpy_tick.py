@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import CompiledProblem, Course, Horizon
+from piaffe.ocp import SAME_TIME, CompiledProblem, Course, Horizon, is_same_time
 
 from ..ilqr import Iterate, Options, ProblemFunctions, Run, Sweep, move, sweeps_of
 from ..solution import Status
 from .plan import Plan, PlannedPhase
-from .predict import after_reset
+from .predict import after_reset, predicted
 from .shift import shifted
 
 Array = NDArray[np.float64]
@@ -46,7 +46,27 @@ class NumpyTick:
     def __init__(self, horizon: Horizon, options: Options) -> None:
         self.horizon, self.options = horizon, options
         self.plan: Plan | None = None
+        """The last plan; None if there was none, or if it is not finite, so that the next one begins anew."""
         self.course: Course | None = None
+        self.began = False
+
+    def predicted(self, x: Array, t: float, start: float) -> Array:
+        """Return the state (nx,) at a later time [s] under the last plan, in the world like the state measured at t.
+
+        A state that is not finite then is far from the plan: this one is forgotten, and the state is held.
+        """
+        last, course = self.plan, self.course
+        if last is None or course is None or start <= t + SAME_TIME:
+            return x
+        tick, state = self.horizon.calendar.tick, last.local(x)
+        k = round(t / tick)
+        if k >= course.tick and is_same_time(k * tick, t):
+            state = self._arrived(course, state, k)
+        state = last.world(predicted(last, state, t, start))
+        if np.isfinite(state).all():
+            return state
+        self.plan = self.course = None
+        return x
 
     def __call__(self, x: Array, t: float, measured_at: float, iterations: int, commands: Mapping[str, float]) -> Plan:
         """Return the plan that begins at time t [s] with a state in the world (nx,)."""
@@ -54,13 +74,13 @@ class NumpyTick:
         began = time.perf_counter()
         before = self.course
         course = horizon.begin(x, t, commands) if before is None else horizon.advance(before, x, t, commands)
-        start = self._start(course, horizon.local(course, x))
+        start = self._arrived(course, horizon.local(course, x), course.tick)
         problem = horizon.at(course, start)
         numbers = time.perf_counter()
         spans = horizon.layout.at(course.tick)
         states, controls, fresh = shifted(problem, spans, last, course.moved, start)
         options = replace(self.options, max_iterations=iterations)
-        if last is None:
+        if not self.began:
             options = replace(options, time_limit_s=None)  # the first plan has no limit of time
         lands = [False, *(phase.lands for phase in problem.phases[:-1])]
         shooting = [
@@ -80,25 +100,33 @@ class NumpyTick:
             )
         )  # fmt: skip
         ended = time.perf_counter()
-        self.course = course
-        self.plan = Plan(
+        plan = Plan(
             horizon, parts, course.anchor, course.moved, solved.status, solved.iterations,
             any(bool(sweep.Q_uu.any()) for sweep in solved.sweeps), solved.cost, solved.max_defect,
             solved.max_equality, solved.max_inequality, {"numbers": numbers - began, "solve": ended - numbers},
             measured_at,
         )  # fmt: skip
-        return self.plan
+        self.plan, self.course = (plan, course) if _is_finite(plan) else (None, None)
+        self.began = True
+        return plan
 
     def reset(self) -> None:
         """Forget the last plan."""
         self.plan = self.course = None
+        self.began = False
 
-    def _start(self, course: Course, x: Array) -> Array:
-        """Return the state after an impact that is due now, see :meth:`Horizon.arrival`."""
-        arrival = self.horizon.arrival(course)
+    def _arrived(self, course: Course, x: Array, k: int) -> Array:
+        """Return the state after an impact that is due at tick k, see :meth:`Horizon.arrival`."""
+        arrival = self.horizon.arrival(course, k)
         if arrival is None:
             return x
         return self.horizon.models[0].state.np_normalise(after_reset(*arrival, x))
+
+
+def _is_finite(plan: Plan) -> bool:
+    """Return whether cost, defects, states, controls and gains of a plan are finite."""
+    arrays = [a for part in plan.parts for a in (part.states, part.controls, part.feedforward, part.feedback)]
+    return bool(np.isfinite(plan.cost + plan.max_defect)) and all(np.isfinite(array).all() for array in arrays)
 
 
 def solve_in_numpy(

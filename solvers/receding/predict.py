@@ -28,7 +28,7 @@ def predicted(plan: Plan, x: Array, t: float, until: float) -> Array:
     while t < until - SAME_TIME:
         i = max((i for i, part in enumerate(plan.parts) if part.times[0] <= t + SAME_TIME), default=0)
         part = plan.parts[i]
-        if len(state) != part.states.shape[1] or t >= part.times[-1] - SAME_TIME:
+        if part.mode.state is not plan.parts[0].mode.state or t >= part.times[-1] - SAME_TIME:
             break
         k = max(int(np.searchsorted(part.times, t + SAME_TIME, side="right")) - 1, 0)
         end = min(until, float(part.times[k + 1]))
@@ -43,7 +43,7 @@ def predicted(plan: Plan, x: Array, t: float, until: float) -> Array:
         following = plan.parts[i + 1] if i + 1 < len(plan.parts) else None
         if t < part.times[-1] - SAME_TIME or not part.resets or following is None or part.transition is None:
             continue
-        if following.states.shape[1] == len(state):
+        if following.mode.state is space:
             state = space.np_normalise(after_reset(part.transition, part.p_transition, state))
     return state
 

@@ -18,7 +18,6 @@ from .memory import RecedingMemory
 from .native_tick import NativeTick
 from .numpy_tick import NumpyTick
 from .plan import Plan
-from .predict import predicted
 
 Array = NDArray[np.float64]
 
@@ -37,7 +36,7 @@ class RecedingHorizon:
         iterations: iterations of a plan.
         budget_s: time after which a plan's solve stops [s]; None for no limit, so that plans are deterministic.
         barrier: a barrier that plans keep.
-        latency: time from a measured state to the first effect of its plan [s].
+        latency: time from a measured state to the first effect of its plan [s], at most the period.
         options: further options of the solver.
         first_iterations: iterations of the first plan, which has no limit of time.
         backend: ``"native"``: a tick is one function in C; ``"numpy"`` is the readable reference.
@@ -63,15 +62,16 @@ class RecedingHorizon:
     ) -> None:
         _check(iterations, first_iterations, budget_s, backend)
         self.horizon = horizon = Horizon(problem)
-        steps = round(period / horizon.dt)
+        steps = round(period / horizon.dt) if np.isfinite(period) else 0
         if steps < 1 or abs(steps * horizon.dt - period) > SAME_TIME:
             raise SolverError(
                 f"receding horizon: period is out of range - got {period:g} s, expected a multiple of the first "
                 f"model's time step {horizon.dt:g} s; change one"
             )
-        if not 0 <= latency < np.inf:
+        if not 0 <= latency <= period + SAME_TIME:
             raise SolverError(
-                f"receding horizon: latency is out of range - got {latency:g} s, expected 0 or more; change it"
+                f"receding horizon: latency is out of range - got {latency:g} s, expected 0 to the period, "
+                f"{period:g} s; change one, because a planner makes one plan at a time"
             )
         self.period, self.iterations, self.latency = period, iterations, latency
         self.first_iterations, self.backend = first_iterations, backend
@@ -83,6 +83,7 @@ class RecedingHorizon:
         else:
             self._native = NativeTick(RecedingMemory(horizon, self.options, latency, iterations, first_iterations))
         self._commands: dict[str, float] = {}
+        self._last_start: float | None = None  # of a plan that was made here
 
     @property
     def problem(self) -> Problem:
@@ -103,7 +104,9 @@ class RecedingHorizon:
         for tick in (self._native, self._numpy):
             if tick is not None:
                 tick.reset()
-        self._commands = {}
+        self._commands, self._last_start = {}, None
+        if self._native is not None:
+            self._native.tell({})
 
     def command(self, **values: float) -> None:
         """Set commands of the gaits, from the next plan on: ``speed``, ``lateral_speed``, ``yaw_rate``, ``height``.
@@ -129,11 +132,15 @@ class RecedingHorizon:
             ShapeError: the state has another size.
             SolverError: a loop makes the plans.
         """
-        state, tick = self.horizon.checked(x), self._native or self._numpy
-        last = None if tick is None or tick.plan is None else tick.plan.start
+        state = self.horizon.checked(x)
+        if not abs(t) < self.horizon.latest:  # not NaN either
+            raise self.horizon.outside(t)
+        last = self._last_start if self._native is None else self._native.last_start
         if last is not None and t + self.latency <= last - self.horizon.dt + SAME_TIME:
             raise time_goes_back(t, last)
-        return self._planned(state, t)
+        plan = self._planned(state, t)
+        self._last_start = plan.start
+        return plan
 
     def running(self, low: Vwbc, *, thread: bool = True) -> Loop:
         """Return a loop of this receding horizon and a low level, which the caller starts.
@@ -145,8 +152,8 @@ class RecedingHorizon:
             thread: whether plans are made in a thread of their own; else within the tick, which then waits for them.
 
         Raises:
-            SolverError: horizon or low level are not compiled, the low level is not for plans of this horizon, or there
-                is no time for plans in a thread: the latency is zero, or longer than the period.
+            SolverError: horizon or low level are not compiled, the low level is not for plans of this horizon, or the
+                latency is zero, so that there is no time for plans in a thread.
         """
         return Loop(self._native, low, self.period, self.latency, thread=thread)
 
@@ -154,19 +161,19 @@ class RecedingHorizon:
         if self._native is not None:
             return self._native(state, t, self._commands)
         assert self._numpy is not None  # the other backend
-        last, ready = self._numpy.plan, t + self.latency
-        start = ceil((ready - SAME_TIME) / self.horizon.dt) * self.horizon.dt
-        if last is not None and start > t + SAME_TIME:
-            state = last.world(predicted(last, last.local(state), t, start))
-        iterations = self.first_iterations if last is None else self.iterations
+        start = ceil((t + self.latency - SAME_TIME) / self.horizon.dt) * self.horizon.dt
+        state = self._numpy.predicted(state, t, start)
+        iterations = self.iterations if self._numpy.began else self.first_iterations
         return self._numpy(state, start, t, iterations, self._commands)
 
 
 def _check(iterations: int, first_iterations: int, budget_s: float | None, backend: str) -> None:
     """Raise SolverError if an argument of :class:`RecedingHorizon` is out of range."""
     for name, value in (("iterations", iterations), ("first_iterations", first_iterations)):
-        if value < 1:
-            raise SolverError(f"receding horizon: {name} is out of range - got {value}, expected 1 or more; change it")
+        if not (isinstance(value, int | np.integer) and value >= 1):
+            raise SolverError(
+                f"receding horizon: {name} is out of range - got {value!r}, expected a whole number ≥ 1; change it"
+            )
     if budget_s is not None and not 0 < budget_s < np.inf:
         raise SolverError(
             f"receding horizon: budget_s is out of range - got {budget_s} s, expected a positive number; change it"

@@ -21,7 +21,8 @@ def shifted(
 
     A node gets the state of the last plan at its time: in the same motion phase for a model with a phase per mode, in
     any phase of the same model for others. A stage gets the control of the stage of the last plan that contains its
-    time, or in the same motion phase the last one. What is left has the guess of the problem.
+    time (or its middle, see ``ModelBase.acting``), or in the same motion phase the last one. What is left has the guess
+    of the problem.
 
     Args:
         problem: the problem of the tick.
@@ -45,7 +46,8 @@ def shifted(
             part = _containing(own, float(t))
             if part is not None:
                 xs[k] = transform_state(space, _state(part, float(t), space), moved)
-        for k, t in enumerate(phase.times[:-1]):
+        for k, start in enumerate(phase.times[:-1]):
+            t = start + phase.dt / 2 if phase.mode.model.acting else start
             earlier = [part for part in own if part.times[0] <= t + SAME_TIME]
             if earlier:
                 part = earlier[-1]

@@ -31,11 +31,10 @@ class Segment(ct.Structure):
     """See the header."""
 
     _fields_ = [
-        *fields(
-            (ct.c_int, "step window cut space rows"), (ct.c_double, "dt"), (_P, "first mode stage end link controls")
-        ),
-        ("state", Copies),
-    ]
+        *fields((ct.c_int, "step half window cut space rows"), (ct.c_double, "dt")),
+        *fields((_P, "first mode stage end link controls")),
+        ("state", Copies), ("acting", Copies),
+    ]  # fmt: skip
 
 
 class Space(ct.Structure):
@@ -116,10 +115,11 @@ class Receding(ct.Structure):
     """See the header."""
 
     _fields_ = [
-        ("horizon", _P), ("course", Course), ("has_plan", ct.c_int), ("last", Plan), ("options", OptionsStruct),
-        ("latency", ct.c_double),
+        ("horizon", _P), ("course", Course), *fields((ct.c_int, "has_plan began")), ("last", Plan),
+        ("options", OptionsStruct), ("latency", ct.c_double),
         *fields((ct.c_int, "first_iterations iterations")),
         ("arena", Arena),
-        *fields((_P, "problem spans nodes firsts samples frames memories nows"), (ct.c_int, "most_memory")),
+        *fields((_P, "problem spans nodes firsts"), (ct.c_int, "num_nodes")),
+        *fields((_P, "samples frames memories nows"), (ct.c_int, "most_memory")),
         *fields((_P, "scratch rows x lanes work")),
     ]  # fmt: skip

@@ -69,10 +69,11 @@ class HorizonMemory(Keeper):
         for i, (segment, table) in enumerate(zip(horizon.problem.schedule.segments, tables.segments, strict=True)):
             window = horizon.layout.windows[i]
             segments.append(s.Segment(
-                calendar.steps[i], -1 if window is None else window, int(horizon.layout.cut[i]),
+                calendar.steps[i], calendar.halves[i], -1 if window is None else window, int(horizon.layout.cut[i]),
                 own.index(horizon.models[i]), len(table.stage), segment.dt, self.ints(table.first),
                 self.ints(table.mode), self.ints(table.stage), self.ints(table.end), self.ints(table.link),
                 self.doubles(table.controls), self._copies(horizon.state_copies[i]),
+                self._copies(horizon.acting[i]),
             ))  # fmt: skip
         entries = [
             s.Entry(entry.placed.piece, entry.length, following, entry.start)

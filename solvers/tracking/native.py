@@ -12,6 +12,7 @@ import casadi as cs
 from piaffe.codegen import SOLVER_FLAGS, NoCompilerError, build, generate, load
 from piaffe.ocp import LoweredMode, moved_symbols
 
+from ..ilqr import constants_header
 from .rows import ControlRows
 
 _TABLE = "static const int __attribute__((unused))"
@@ -45,6 +46,7 @@ def _library(modes: tuple[LoweredMode, ...]) -> ct.CDLL:
     parts = [_kernel(i, rows, made.work) for i, rows in enumerate(every)]
     unit = texts["tick.c"].replace("TICK_PROTOTYPES", "\n".join(parts)).replace("TICK_FUNCTIONS", ", ".join(names))
     headers = {**made.headers, **{name: texts[name] for name in _HEADERS}, "dual.c": dual}
+    headers["constants.h"] = constants_header()
     units = [*((each.name, each.text) for each in made.units), ("tick", unit)]
     loaded = load(build(units, headers=headers, flags_per_unit={"tick": SOLVER_FLAGS}, width=1, label="low level"))
     loaded.piaffe_tick.restype = None

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ShapeError, UnknownNameError
+from piaffe.errors import ShapeError, SolverError, UnknownNameError
 from piaffe.ocp import LoweredMode
 
 Array = NDArray[np.float64]
@@ -25,6 +25,12 @@ def slot_changes(mode: LoweredMode, slots: Mapping[str, ArrayLike]) -> list[tupl
             raise ShapeError(
                 f"vwbc, model '{mode.model.name}', slot '{name}': wrong size - got {value.size} entries, expected "
                 f"{where.stop - where.start}; fix it"
+            )
+        positive = any(key.positive for key in mode.layout.slices if key.kind == "slot" and key.name == name)
+        if positive and np.any(value <= 0):
+            raise SolverError(
+                f"vwbc, model '{mode.model.name}', slot '{name}': is out of range - got {value.tolist()}, expected "
+                "numbers > 0; fix it"
             )
         changes.append((where, value))
     return changes

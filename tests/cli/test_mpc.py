@@ -122,7 +122,7 @@ def test_figure_of_an_episode(capsys: pytest.CaptureFixture[str], tmp_path: Path
         (("--push", "1.5@y"), "push: text is unusable - got '1.5@y'"),
         (("--push", "1@0.0005:x"), "push: time after the start at 0 s is out of range"),
         (("--latency", 0.0105), "command line: latency is out of range - got 0.0105 s, expected a multiple"),
-        (("--latency", 0.04), "expected at most the period of the plans, 0.02 s"),
+        (("--latency", 0.04), "expected 0 to the period, 0.02 s"),
         (("--latency", -0.01), "command line: latency is out of range"),
         (("--seconds", 0), "command line: seconds is out of range"),
         (("--low", "lqr"), "no low level 'lqr'"),

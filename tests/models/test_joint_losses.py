@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp
-from piaffe.errors import ModelError
+from piaffe.errors import ModelError, ProblemError, SolverError
 from piaffe.models import Robot, WholeBody, stance
 from piaffe.models.integrators import INTEGRATORS, Integrator
 from piaffe.models.joint_losses import loss_torque
+from piaffe.solvers.tracking.slots import slot_changes
 from tests.robots import ROBOTS
 
 from .test_whole_body import Oracle, random_state, rows_of, solve_contact
@@ -207,6 +208,22 @@ def test_parameters_change_losses_by_name() -> None:
     x, u = start_of(body), np.ones(12)
     given = {"joint_damping": 0.1 * DAMPING, "joint_friction": 0.1 * FRICTION, "friction_speed": 0.5}
     np.testing.assert_array_equal(plain.step(x, u, "", 0.01, **given), body.step(x, u, "", 0.01))
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0])
+def test_a_friction_speed_out_of_range_is_refused_as_a_parameter_too(speed: float) -> None:
+    body = WholeBody(models.load("solo12"))
+    motion = ocp.Motion(ocp.Phase("flight", stance(""), 0.04, {"joints": "crouch"}))
+    objective = ocp.Objective(ocp.regularize("joints.torque"))
+    problem = ocp.Problem(motion, body.until_end(dt=0.02), objective, initial=start_of(body))
+    number, compiled = {"solo12.friction_speed": speed}, ocp.compile_problem(problem)
+    text = rf"parameter 'solo12.friction_speed': is out of range - got \[{speed}\], expected numbers > 0"
+    for change in (problem.with_parameters, compiled.with_parameters):
+        with pytest.raises(ProblemError, match=text):
+            change(number)
+    text = r"slot 'friction_speed': is out of range - got \[0.0\], expected numbers > 0"
+    with pytest.raises(SolverError, match=text):
+        slot_changes(compiled.phases[0].mode, {"friction_speed": 0.0})
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, np.inf, "slow"])

@@ -227,7 +227,7 @@ def slot(phase, name, p):
     return p[..., phase.mode.layout.slots[name]]
 
 
-def test_a_rigid_body_takes_each_node_s_own_contacts(cascade):
+def test_a_rigid_body_takes_each_stage_s_own_contacts(cascade):
     *_, tail = cascade.phases
     assert [phase.label for phase in cascade.phases] == ["FL FR HL HR", "FL HR", "scheduled"]
     flags = slot(tail, "contact", tail.p)

@@ -2,11 +2,10 @@
 #define _GNU_SOURCE
 #include "loop.h"
 
+#include "constants.h"
 #include <math.h>
 #include <string.h>
 #include <time.h>
-
-#define SAME_TIME 1e-7
 
 static double processor_seconds(void)
 {
@@ -22,7 +21,9 @@ static void make_plan(struct loop *l)
     const double began = processor_seconds();
     memcpy(l->commands, l->asked_commands, sizeof(double) * (size_t)l->num_commands);
     int code = l->make(l->planner, l->asked_state, l->asked_at, l->memories[place]);
-    if (code) {
+    if (code == UNUSABLE_PLAN) {
+        atomic_fetch_add_explicit(&l->unusable, 1, memory_order_relaxed);
+    } else if (code) {
         atomic_store_explicit(&l->fault, code, memory_order_relaxed);
     } else {
         l->measured_at[place] = l->asked_at, l->seconds[place] = processor_seconds() - began;
@@ -39,6 +40,7 @@ void loop_init(struct loop *l, int ready, double next)
     handover_init(&l->plans);
     atomic_init(&l->work, IDLE);
     atomic_init(&l->fault, 0);
+    atomic_init(&l->unusable, 0);
     l->thread = 0, l->newest = PLACES;
     l->now = -INFINITY, l->next = next, l->due = 0.0;
     l->ready = ready, l->waits = l->open = l->skipped = 0;
@@ -57,6 +59,7 @@ static void follow_next(struct loop *l)
 /* A plan acts from its start on; one that is complete later acts at once. The planner makes one at a time, so this ends. */
 static void take_plan(struct loop *l, double t)
 {
+    l->missed += atomic_exchange_explicit(&l->unusable, 0, memory_order_relaxed);
     if (l->open && t >= l->due - SAME_TIME) l->missed += is_busy(l), l->open = 0;
     for (;;) {
         if (!l->waits) l->waits = receive(&l->plans);
@@ -99,15 +102,16 @@ static void ask_if_due(struct loop *l, const double *x, double t)
 void loop_begin(struct loop *l, const double *x, double t)
 {
     if (is_busy(l)) return;
-    l->now = t, l->next = t + l->period;
     ask(l, x, t);
     make_plan(l);
-    if (receive(&l->plans)) follow_next(l);
+    if (!receive(&l->plans)) return;
+    follow_next(l);
+    l->now = t, l->next = t + l->period;
 }
 
 void loop_tick(struct loop *l, const double *x, double t, double *control, struct outcome *out)
 {
-    if (t < l->now - SAME_TIME) {
+    if (!(t >= l->now - SAME_TIME)) { /* or it is NaN */
         atomic_store_explicit(&l->fault, TIME_GOES_BACK, memory_order_relaxed);
     } else {
         l->now = t;

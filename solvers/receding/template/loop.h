@@ -14,8 +14,8 @@ struct plan_thread;
 
 enum { IDLE, ASKED };
 
-/* Why there is no plan, beside the codes of receding_plan; why there is no thread. */
-enum { TIME_GOES_BACK = 16, NO_THREADS = 32, THREAD_FAILED };
+/* Why there is no plan, beside the codes of receding_plan, of which one is no fault; why there is no thread. */
+enum { UNUSABLE_PLAN = 3, TIME_GOES_BACK = 16, NO_THREADS = 32, THREAD_FAILED };
 
 struct loop {
     int (*make)(struct receding *, const double *, double, const struct planned *);
@@ -33,7 +33,7 @@ struct loop {
     double asked_at;
     double measured_at[PLACES], seconds[PLACES]; /* of each plan: time of its state, time of the processor [s] */
     struct handover plans;
-    _Atomic int work, fault;
+    _Atomic int work, fault, unusable;    /* unusable: plans that were not finite and have not been counted */
     struct plan_thread *thread;           /* 0: plans are made within the tick */
     unsigned newest;                      /* of the planner: the last place that it handed over, PLACES before the first */
     /* of the tick */

@@ -47,14 +47,15 @@ static long lay_plan(const Receding *r, int count, long *header)
     return at;
 }
 
+/* Lays the parts and nodes of the horizon that begins at tick k; returns the number of parts. */
 static int lay(Receding *r, long k)
 {
     int count = lay_spans(r->horizon, k, r->spans), at = 0;
     for (int i = 0; i < count; i++) {
         r->firsts[i] = at;
-        lay_nodes(r->horizon, &r->spans[i], r->nodes + at);
-        at += r->spans[i].stages + 1;
+        at += lay_nodes(r->horizon, &r->spans[i], r->nodes + at);
     }
+    r->num_nodes = at;
     return count;
 }
 
@@ -69,6 +70,37 @@ void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *ent
 }
 
 static void copy(double *to, const double *from, size_t n) { memcpy(to, from, sizeof(double) * n); }
+
+/* Without a policy, gains and expansions are zero, and not those of a sweep that was broken off. */
+static void clear_policy(Problem *pr)
+{
+    for (int i = 0; i < pr->num_phases; i++) {
+        const Phase *ph = &pr->phases[i];
+        const size_t N = (size_t)ph->N, nu = (size_t)ph->mode->nu, ndx = (size_t)ph->mode->ndx;
+        memset(ph->k, 0, sizeof(double) * N * nu);
+        memset(ph->K, 0, sizeof(double) * N * nu * ndx);
+        memset(ph->Q_x, 0, sizeof(double) * N * ndx);
+        memset(ph->Q_u, 0, sizeof(double) * N * nu);
+        memset(ph->Q_xx, 0, sizeof(double) * N * ndx * ndx);
+        memset(ph->Q_ux, 0, sizeof(double) * N * nu * ndx);
+        memset(ph->Q_uu, 0, sizeof(double) * N * nu * nu);
+    }
+}
+
+/* Whether the cost, the defects, the states, controls and gains of a plan are finite, so that the next one can begin with them. */
+static int is_finite(const Horizon *h, const Plan *plan)
+{
+    int finite = isfinite(plan->numbers[COST] + plan->numbers[DEFECT]) != 0;
+    for (int i = 0; i < plan->header[NUM_PARTS]; i++) {
+        const long *part = part_of(plan, i), N = part[STAGES];
+        const Mode *m = h->mode_tables[part[MODE]];
+        const long at[] = {part[AT_X], part[AT_U], part[AT_K], part[AT_FEEDBACK]};
+        const long sizes[] = {(N + 1) * m->nx, N * m->nu, N * m->nu, N * m->nu * m->ndx};
+        for (int a = 0; a < 4; a++)
+            for (long j = 0; j < sizes[a]; j++) finite &= isfinite(plan->numbers[at[a] + j]) != 0;
+    }
+    return finite;
+}
 
 /* Copies the iterate and the policy of the solver into a plan. */
 static void write_plan(const Receding *r, const Plan *plan)
@@ -138,41 +170,45 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     double state[space->nx], start[space->nx];
     for (int i = 0; i < space->nx; i++)
         if (!isfinite(x[i])) return NOT_FINITE_STATE;
-    const long step = h->segments[0].step, k = (long)ceil((t + r->latency - SAME_TICK) / dt) * step;
+    if (!(fabs(t + r->latency) / h->tick < 1e15)) return OUTSIDE; /* ticks are whole numbers; t may be NaN */
+    const long step = h->segments[0].step, k = (long)ceil((t + r->latency - SAME_TIME) / dt) * step;
     if (k < 0 || (h->total >= 0 && k > h->total - step)) return OUTSIDE;
     memcpy(state, x, sizeof state);
     const double begins = (double)(k / step) * dt;
-    if (r->has_plan && begins > t + SAME_TICK) {
+    if (r->has_plan && begins > t + SAME_TIME) {
+        const long measured = lround(t / h->tick);
         to_frame(r, x, r->course.anchor, state);
+        if (measured >= r->course.tick && fabs((double)measured * h->tick - t) < SAME_TIME) arrive(r, measured, state);
         predict(r, state, t, begins);
         move_values(r, space->state, space->nx, state, r->course.anchor, state);
+        for (int i = 0; i < space->nx; i++)
+            if (!isfinite(state[i])) r->has_plan = 0; /* the policy is far from its plan */
+        if (!r->has_plan) memcpy(state, x, sizeof state);
     }
     if (r->has_plan) advance_course(r, state, k, &r->course);
     else begin_course(r, state, k, &r->course);
     to_frame(r, state, r->course.anchor, start);
-    arrive(r, start);
+    arrive(r, k, start);
     const int count = lay(r, k);
     r->arena.used = 0;
     lay_out(r, &r->arena, count);
     lay_plan(r, count, plan->header);
-    int nodes = 0;
     double *stages[count];
-    for (int i = 0; i < count; i++) {
-        nodes += r->spans[i].stages + 1;
-        stages[i] = plan->numbers + part_of(plan, i)[AT_P];
-    }
-    make_samples(r, r->nodes, nodes, r->samples);
+    for (int i = 0; i < count; i++) stages[i] = plan->numbers + part_of(plan, i)[AT_P];
+    make_samples(r, r->nodes, r->num_nodes, r->samples);
+    for (int i = 0; i < count; i++) take_middles(h, &r->spans[i], r->samples + (size_t)r->firsts[i] * (size_t)h->num_targets);
     fill_problem(r, stages);
     shift_plan(r, start);
     memcpy((double *)pr->initial, start, sizeof start);
     pr->options = r->options;
-    pr->options.max_iterations = r->has_plan ? r->iterations : r->first_iterations;
-    if (!r->has_plan) pr->options.time_limit_s = 0.0; /* the first plan has no limit of time */
+    pr->options.max_iterations = r->began ? r->iterations : r->first_iterations;
+    if (!r->began) pr->options.time_limit_s = 0.0; /* the first plan has no limit of time */
     pr->num_records = pr->cancel = 0;
     const double filled = seconds_now();
     int status = h->solve(pr, 0);
     const double solved = seconds_now();
     plan->header[HAS_POLICY] = h->policy(pr);
+    if (!plan->header[HAS_POLICY]) clear_policy(pr);
     plan->header[TICK] = k, plan->header[STATUS] = status, plan->header[ITERATIONS] = pr->num_records;
     write_plan(r, plan);
     double *f = plan->numbers;
@@ -181,6 +217,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     f[COST] = pr->cost, f[DEFECT] = pr->max_defect, f[EQUALITY] = pr->max_equality, f[INEQUALITY] = pr->max_inequality;
     f[MEASURED_AT] = t, f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = seconds_now() - solved;
     receding_view(h, plan);
-    r->last = *plan, r->has_plan = 1;
-    return PLANNED;
+    r->last = *plan, r->began = 1;
+    r->has_plan = is_finite(h, plan);
+    return r->has_plan ? PLANNED : NOT_FINITE_PLAN;
 }

@@ -24,17 +24,19 @@ typedef struct {
 
 /* A part of the schedule. A node is an entry of the calendar and a tick in it; its row is first[entry] + tick. */
 typedef struct {
-    int step, window, cut, space, rows; /* ticks per step; ticks, -1 until the end; a phase per mode; state space; rows */
+    int step, half, window, cut, space, rows; /* ticks per step; from a stage to where something acts; of the segment, -1 until the end;
+                                             a phase per mode; state space; rows */
     double dt;
     const int *first, *mode;            /* per entry */
-    const int *stage;                   /* (rows, 2): row of the store, copies */
+    const int *stage;                   /* (rows, 2): row of the store, copies; of a stage that acts at the tick */
     const int *end;                     /* (2, rows, 2), the second half for the horizon's last node */
     const int *link;                    /* (2, rows, 4): transition or -1, row, copies, flags; second half: to the next segment */
     const double *controls;             /* (rows, nu) guess */
     Copies state;                       /* of the sample, in the state */
+    Copies acting;                      /* entries of a sample that stages take at their middle */
 } Segment;
 
-enum { RESETS = 1, LANDS = 2 };
+enum { RESETS = 1, LANDS = 2, OWN = 4 }; /* OWN: a reset of the user */
 
 /* A state space of the schedule's models: functions that move a state and a control by a planar motion; 0 if none moves. */
 typedef struct {
@@ -102,7 +104,7 @@ typedef struct {
     size_t used;
 } Arena;
 
-/* A node of the horizon. */
+/* A node of the horizon. The row of a stage is that of its middle, if something acts there. */
 typedef struct {
     Place place;
     long tick;
@@ -124,7 +126,7 @@ typedef struct planned {
 typedef struct receding {
     const Horizon *horizon;
     Course course;
-    int has_plan;
+    int has_plan, began;                /* whether the last plan is finite and continued; whether there was a plan */
     Plan last;                          /* the last plan, which the caller keeps until the next tick is over */
     Options options;
     double latency;
@@ -132,8 +134,8 @@ typedef struct receding {
     Arena arena;                        /* of the solver's memory, laid out again at every tick */
     Problem *problem;
     Span *spans;
-    Node *nodes;                        /* of all parts, one part after another */
-    int *firsts;                        /* per part, its first node */
+    Node *nodes;                        /* of all parts, one part after another; after a part's nodes its stages' middles */
+    int *firsts, num_nodes;             /* per part, its first node; number of nodes and middles */
     double *samples;                    /* per node, (num_targets) */
     double *frames, *memories;          /* of the pieces in the horizon: (num_pieces, 3), (num_pieces, most memory) */
     long *nows;
@@ -143,8 +145,8 @@ typedef struct receding {
     vd *lanes, *work;                   /* inputs and outputs of functions; their work arrays */
 } Receding;
 
-/* Returns 0, or why there is no plan. */
-enum { PLANNED, OUTSIDE, NOT_FINITE_STATE };
+/* Returns 0, or why there is no plan; with NOT_FINITE_PLAN there is one, but the next one begins anew. */
+enum { PLANNED, OUTSIDE, NOT_FINITE_STATE, NOT_FINITE_PLAN };
 int receding_plan(Receding *r, const double *x, double t, const Plan *plan);
 /* Bytes of the solver's memory, and numbers and header entries of a plan, for a horizon that begins at a tick. */
 void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries);

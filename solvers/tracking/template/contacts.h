@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-#define SAME_TIME 1e-7
+#include "constants.h"
 
 struct contacts { /* arrays have an entry per flag */
     double last, debounce, leave, early, late; /* last: time of the last tick, infinite before the first [s] */

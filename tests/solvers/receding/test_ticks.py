@@ -250,7 +250,10 @@ def test_a_plan_is_followed_by_the_low_level_in_its_own_frame():
     [
         ({"period": 0.015}, SolverError, r"period is out of range - got 0.015 s, expected a multiple"),
         ({"period": 0.0}, SolverError, r"period is out of range - got 0 s"),
+        ({"period": float("nan")}, SolverError, r"period is out of range - got nan s"),
         ({"latency": -0.01}, SolverError, r"latency is out of range - got -0.01 s"),
+        ({"latency": 0.03}, SolverError, r"latency is out of range - got 0.03 s, expected 0 to the period, 0.02 s"),
+        ({"iterations": 2.5}, SolverError, r"iterations is out of range - got 2.5, expected a whole number"),
         ({"iterations": 0}, SolverError, r"iterations is out of range - got 0"),
         ({"budget_s": 0.0}, SolverError, r"time_limit_s is out of range|budget_s is out of range"),
         ({"backend": "fortran"}, SolverError, r"backend is unknown - got 'fortran'"),
