@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from piaffe import models, solvers
+from piaffe import models, ocp, solvers
+from piaffe.models import base, feet
 from tests.solvers.receding.test_ticks import ahead, problem
 
 FRAME = (2.0, -1.0, 2.0)
 
 
-def planned(frame, gait=models.gaits.trot, ticks=4):
+def planned(frame, declared=None, ticks=4):
     """Return a receding horizon that has moved on from a frame, its plan, and a state of the plan with noise."""
-    declared = problem(gait(speed=0.4))
+    declared = declared or problem(models.gaits.trot(speed=0.4))
     mpc = solvers.RecedingHorizon(declared, first_iterations=8, iterations=2)
     rng = np.random.default_rng(7)
     x = mpc.horizon.courses.moved(np.array(declared.initial), frame)
@@ -50,3 +51,21 @@ def test_a_state_with_a_part_that_is_not_finite_still_damps_the_joints():
         low = solvers.Vwbc(plan, backend=backend, damping=0.1)
         np.testing.assert_allclose(low.control(x, 0.08), -0.1 * x[where[models.joints.velocity]], atol=1e-12)
         assert low.damped == 1
+
+
+@pytest.mark.parametrize("make", [solvers.Vwbc, lambda plan: solvers.Vwbc(plan, backend="numpy"), solvers.Riccati])
+def test_controls_that_are_forces_turn_with_the_robot(make):
+    body = models.SingleRigidBody(models.load("mini_cheetah"))
+    objective = ocp.Objective(
+        ocp.track(base.position, weight=(0, 0, 50)), ocp.track(base.orientation, weight=5.0),
+        ocp.track(base.linear_velocity, weight=5.0), ocp.track(base.angular_velocity, weight=1.0),
+        ocp.track(feet.force, weight=0.001),
+    )  # fmt: skip
+    limits, gait = ocp.Constraints(models.friction_cone(mu=0.6)), models.gaits.trot(speed=0.4)
+    declared = ocp.Problem(gait, body.over(0.3, dt=0.01), objective, limits, initial=body.state())
+    (_, there, x), (_, here, y) = planned(FRAME, declared), planned((0.0, 0.0, 0.0), declared)
+    u, expected = (make(plan).control(each, 0.08) for plan, each in ((there, x), (here, y)))
+    c, s = np.cos(FRAME[2]), np.sin(FRAME[2])
+    turned = expected.reshape(4, 3) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    assert np.abs(expected.reshape(4, 3)[:, :2]).max() > 1.0
+    np.testing.assert_allclose(u.reshape(4, 3), turned, rtol=0, atol=1e-4 * np.abs(expected).max())
