@@ -101,7 +101,8 @@ def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
         "NX": mode.state.nx, "NDX": mode.state.ndx, "NU": nu, "NZ": mode.nz, "NP": mode.layout.size,
         "NG": len(mode.rows["stage_g"]), "NH": len(mode.rows["stage_h"]), "KEPT_G": len(rows.g), "KEPT_H": len(rows.h),
         "NUM_Z": pattern.nnz(), "NUM_BOUNDS": len(rows.bounds), "SPEED": speeds, "POSITION": position,
-        "VELOCITY": velocity, "TURNS": int(turns(mode)), "NUM_WORK": max(size for name, size in work.items() if name.startswith(f"tick{i}_")),
+        "VELOCITY": velocity, "TURNS": int(turns(mode)),
+        "NUM_WORK": max(size for name, size in work.items() if name.startswith(f"tick{i}_")),
     }  # fmt: skip
     tables = {
         "kept_g": rows.g, "kept_h": rows.h, "z_row": pattern.row(), "z_col": pattern.get_col(),
