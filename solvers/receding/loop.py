@@ -52,8 +52,9 @@ class Loop:
     as it is complete. No plan is asked for while the planner is busy, or from a state that is not finite; one whose
     numbers are not finite does not act. These are missed, too.
 
-    While a loop runs it owns the receding horizon: ``plan`` and ``reset`` of that are refused, ``command`` works. All
-    methods are called from one thread. A loop that is deleted, or left at the end of the program, is stopped.
+    While a loop runs it owns the receding horizon: ``plan`` and ``reset`` of that are refused, ``command`` works. The
+    low level has its plan of before the start until the stop. All methods are called from one thread. A loop that is
+    deleted, or left at the end of the program, is stopped.
 
     Args:
         planner: the tick of the receding horizon; None if it is not compiled.
@@ -69,7 +70,7 @@ class Loop:
             what, got = ("receding horizon", "numpy") if planner is None else ("low level", type(low).__name__)
             raise SolverError(
                 f"loop: the {what} is not compiled - got {got}, expected RecedingHorizon and Vwbc with "
-                "backend='native'; call plan(x, t), follow(plan) and control(x, t) one by one"
+                "backend='native' and qp='own'; call plan(x, t), follow(plan) and control(x, t) one by one"
             )
         if tick.modes != followed_modes(planner.horizon):
             raise SolverError(

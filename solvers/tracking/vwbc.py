@@ -225,8 +225,8 @@ class Vwbc(LowLevel):
         return (self._in_contact if self._tick is None else self._tick.in_contact).copy()
 
     def program(self, x: ArrayLike, t: float) -> Program:
-        """Return the quadratic program of a state (nx,) at time t [s]."""
-        at, state = stage_at(self.plan, t), np.asarray(x, dtype=float)
+        """Return the quadratic program of a measured state (nx,) at time t [s], in the frame of the plan."""
+        at, state = stage_at(self.plan, t), self._in_plan(x)
         return self._program(at, state, at.mode.state.np_minus(state, at.x) * self._kept[at.mode])
 
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:
