@@ -13,6 +13,8 @@ from .ilqr import Options as Options
 from .qp import QpResult as QpResult
 from .qp import QpStatus as QpStatus
 from .qp import solve_qp as solve_qp
+from .receding import ActingPlan as ActingPlan
+from .receding import Loop as Loop
 from .receding import Plan as Plan
 from .receding import PlannedPhase as PlannedPhase
 from .receding import RecedingHorizon as RecedingHorizon

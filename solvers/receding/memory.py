@@ -20,6 +20,9 @@ from .tables import HorizonMemory
 
 Array = NDArray[np.float64]
 
+OUTSIDE, NOT_FINITE_STATE, NOT_FINITE_PLAN = 1, 2, 3
+"""What ``receding_plan`` returns instead of 0; with the last there is a plan, which the next one does not use."""
+
 
 class RecedingMemory(Keeper):
     """The memory of a receding horizon; the constructor allocates all of it but that of plans.
@@ -66,6 +69,10 @@ class RecedingMemory(Keeper):
         """Write a plan from a state (nx,) at time t [s]; return the code of ``receding.h``."""
         self._x[:] = x
         return int(self._plan(ct.addressof(self.c), self._x.ctypes.data, t, ct.addressof(plan.c)))
+
+    def view(self, plan: PlanMemory) -> None:
+        """Let the view of a plan refer to its numbers."""
+        self.tables.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
 
     def reset(self) -> None:
         """Forget the last plan."""

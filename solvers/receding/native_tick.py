@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.errors import SolverError
+
 from ..ilqr import STATUS
-from .memory import RecedingMemory
+from .memory import NOT_FINITE_PLAN, RecedingMemory
 from .plan import Plan, PlannedPhase
-from .plan_memory import PlanMemory, PlanPool
+from .plan_memory import HEADER, NUM_FIGURES, PART, PlanMemory, PlanPool
 
 Array = NDArray[np.float64]
 
 _TICKS = ("numbers", "solve", "policy")
-HEADER, PART, NUM_FIGURES = 5, 23, 16
-"""Entries of a plan's header, entries per part, and figures; as in ``receding.h``."""
 
 
 class NativeTick:
@@ -30,45 +30,107 @@ class NativeTick:
 
     def __init__(self, memory: RecedingMemory) -> None:
         self.memory, self.horizon, self.pool = memory, memory.horizon, PlanPool()
-        self._last: Plan | None = None
+        self.plan: Plan | None = None
         self._in_c: tuple[PlanMemory, ...] = ()  # memory that C refers to: that of the last plan, which it reads
+        self.told = memory.tables.commands
+        """Where :meth:`tell` writes; while a loop makes the plans, the loop's memory."""
+
+    @property
+    def is_lent(self) -> bool:
+        """Whether a loop makes the plans."""
+        return self.told is not self.memory.tables.commands
+
+    def tell(self, commands: Mapping[str, float]) -> None:
+        """Set the commands of the next plan."""
+        self.told[:] = self.memory.tables.commanded(commands)
 
     def __call__(self, x: Array, t: float, commands: Mapping[str, float]) -> Plan:
-        """Return a plan from a state in the world (nx,) that was measured at time t [s]."""
-        for piece, values in zip(self.horizon.courses.pieces, self.memory.tables.commands, strict=True):
-            if piece.functions is not None:
-                values[:] = piece.commanded(commands)
-        own = self.pool.take() or self.memory.plan_memory()
+        """Return a plan from a state in the world (nx,) that was measured at time t [s].
+
+        Raises:
+            SolverError: a loop makes the plans.
+        """
+        self.check_free("plan(x, t)")
+        self.tell(commands)
+        own = self._room()
         before, self._in_c = self._in_c, (*self._in_c, own)  # before the call, after which Ctrl-C may interrupt
-        if self.memory.plan(x, t, own):
+        if self.memory.plan(x, t, own) not in (0, NOT_FINITE_PLAN):
             self._in_c = before
             self.pool.give(own)
             raise self.horizon.outside(t)  # a state that is not finite has been refused before
+        self.plan, self._in_c = self._read(own), (own,)
+        return self.plan
+
+    @property
+    def last_start(self) -> float | None:
+        """When the last plan begins [s]; None if there was none."""
+        return None if self.plan is None else self.plan.start
+
+    def check_free(self, call: str) -> None:
+        """Raise SolverError if a loop makes the plans."""
+        if self.is_lent:
+            raise SolverError(
+                f"receding horizon: a loop makes its plans - got {call}, expected begin(x, t) and control(x, t) of the "
+                "loop; stop the loop first"
+            )
+
+    def copy(self, of: PlanMemory) -> Plan:
+        """Return a plan with the numbers of another memory."""
+        own = self._room()
+        self._fill(own, of)
+        return self._read(own)
+
+    def copy_into(self, own: PlanMemory, plan: Plan) -> None:
+        """Write a plan of this tick into another memory."""
+        self._fill(own, _memory_of(plan))
+
+    def go_on_from(self, plan: Plan) -> None:
+        """Let the next tick start from a plan of this tick."""
+        self.plan, self._in_c = plan, (_memory_of(plan),)
+        self.memory.c.last = _memory_of(plan).c
+
+    def reset(self) -> None:
+        """Forget the last plan.
+
+        Raises:
+            SolverError: a loop makes the plans.
+        """
+        self.check_free("reset()")
+        self.memory.reset()
+        self.plan, self._in_c = None, ()
+
+    def _room(self) -> PlanMemory:
+        return self.pool.take() or self.memory.plan_memory()
+
+    def _fill(self, own: PlanMemory, of: PlanMemory) -> None:
+        own.header[:], own.numbers[:] = of.header, of.numbers
+        self.memory.view(own)
+
+    def _read(self, own: PlanMemory) -> Plan:
         header, figures = own.header, own.numbers[:NUM_FIGURES].tolist()
         plan = Plan(
             horizon=self.horizon, parts=_Parts(self.memory, own), anchor=tuple(figures[0:3]),
             moved=tuple(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
             cost=figures[6], max_defect=figures[7], max_equality=figures[8], max_inequality=figures[9],
-            seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=t, shift=figures[14],
+            seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=figures[10], shift=figures[14],
         )  # fmt: skip
-        self.pool.follow(plan, own)
-        self._last, self._in_c = plan, (own,)
+        self.pool.follow(plan.parts, own)
         return plan
-
-    def reset(self) -> None:
-        """Forget the last plan."""
-        self.memory.reset()
-        self._last, self._in_c = None, ()
 
 
 class _Parts(Sequence[PlannedPhase]):
     """The phases of a plan in C memory, as views that are made on first use."""
 
-    def __init__(self, memory: RecedingMemory, own: PlanMemory) -> None:
-        self._memory, self._own = memory, own
+    def __init__(self, of: RecedingMemory, memory: PlanMemory) -> None:
+        self._of, self.memory = of, memory
+
+    @property
+    def address(self) -> int:
+        """Where low levels in C read the plan."""
+        return self.memory.address
 
     def __len__(self) -> int:
-        return int(self._own.header[0])
+        return int(self.memory.header[0])
 
     def __getitem__(self, index: Any) -> Any:
         return self._all[index]
@@ -78,7 +140,7 @@ class _Parts(Sequence[PlannedPhase]):
         return tuple(self._part(i) for i in range(len(self)))
 
     def _part(self, i: int) -> PlannedPhase:
-        memory, own = self._memory, self._own
+        memory, own = self._of, self.memory
         segment, number, entry, mode_number, n, _, link, flags, _, *at = (
             own.header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
         )  # fmt: skip
@@ -98,3 +160,8 @@ class _Parts(Sequence[PlannedPhase]):
             segment, number, memory.horizon.calendar.entries[entry].phase.name, mode, times, x, u, k, K, Q_x, Q_u,
             Q_xx, Q_ux, Q_uu, p, g_mask, h_mask, transition, p_transition, bool(max(flags, 0) & 1),
         )  # fmt: skip
+
+
+def _memory_of(plan: Plan) -> PlanMemory:
+    assert isinstance(plan.parts, _Parts)  # a tick in C has made it
+    return plan.parts.memory

@@ -102,6 +102,16 @@ class Plan:
     measured_at: float
     shift: float = 0.0
 
+    @property
+    def address(self) -> int | None:
+        """Where low levels in C read the plan, see ``StagedPlan``; None for a plan of the NumPy backend."""
+        return getattr(self.parts, "address", None)
+
+    @property
+    def modes(self) -> tuple[LoweredMode, ...]:
+        """The modes that low levels follow, in this plan or another of the same horizon."""
+        return followed_modes(self.horizon)
+
     def local(self, x: ArrayLike) -> Array:
         """Return a state in the world (nx,) in the frame of the plan."""
         turn, shift = self._into_frame
@@ -149,3 +159,13 @@ class Plan:
     def row_name(self, mode: LoweredMode, kind: str, row: int) -> str:
         """Return the name of a row of a mode's stages: term, component and side."""
         return self.horizon.row_name(mode.rows[f"stage_{kind}"][row])
+
+
+def followed_modes(horizon: Horizon) -> tuple[LoweredMode, ...]:
+    """Return the modes that low levels follow: those with states and controls of the first model's size."""
+    head = horizon.models[0]
+    every = (store.lowered for store in horizon.tables.modes)
+    return tuple(
+        mode for mode in every
+        if isinstance(mode, LoweredMode) and (mode.state.nx, mode.nu) == (head.state.nx, head.control.nx)
+    )  # fmt: skip

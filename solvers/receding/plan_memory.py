@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes as ct
 import sys
 import weakref
 
@@ -10,10 +11,13 @@ from numpy.typing import NDArray
 
 from piaffe.codegen import aligned_zeros
 
+from ..tracking import PHASE_BYTES, PlanStruct
 from . import structs as s
-from .plan import Plan
 
 Array = NDArray[np.float64]
+
+HEADER, PART, NUM_FIGURES = 5, 23, 16
+"""Entries of a plan's header, entries per part, and figures; as in ``receding.h``."""
 
 
 class PlanMemory:
@@ -27,7 +31,11 @@ class PlanMemory:
     def __init__(self, entries: int, numbers: int) -> None:
         self.header: NDArray[np.int64] = np.zeros(entries, dtype=np.int64)
         self.numbers: Array = aligned_zeros(numbers)
-        self.c = s.Plan(self.header.ctypes.data, self.numbers.ctypes.data)
+        self._phases = np.zeros(PHASE_BYTES * ((entries - HEADER) // PART), dtype=np.uint8)
+        self._view = PlanStruct()
+        self.address = ct.addressof(self._view)
+        """Where low levels read the plan."""
+        self.c = s.Plan(self.header.ctypes.data, self.numbers.ctypes.data, self._phases.ctypes.data, self.address)
         self._references = sys.getrefcount(self.numbers.base)
 
     @property
@@ -57,9 +65,9 @@ class PlanPool:
         """Return a memory at once."""
         self._returned.append(memory)
 
-    def follow(self, plan: Plan, memory: PlanMemory) -> None:
-        """Let a memory return when its plan is gone."""
-        weakref.finalize(plan, self._returned.append, memory)
+    def follow(self, parts: object, memory: PlanMemory) -> None:
+        """Let a memory return when the parts of its plan are gone."""
+        weakref.finalize(parts, self._returned.append, memory)
 
     def __len__(self) -> int:
         return len(self._returned)

@@ -11,6 +11,7 @@ from typing import Any
 from piaffe.codegen import SOLVER_FLAGS, build, generate, load
 
 from ..ilqr import TEMPLATES, constants_header
+from ..tracking import PLAN_HEADER
 
 _FILES = (
     "receding.h",
@@ -36,7 +37,8 @@ def receding_library(functions: tuple[tuple[str, Any], ...], width: int) -> tupl
     template = files(__package__).joinpath("template")
     texts = {name: template.joinpath(name).read_text(encoding="utf-8") for name in (*_FILES, "receding.c")}
     shared = {name: TEMPLATES[name] for name in ("piaffe.h", "manifold.inc")}
-    headers = {**made.headers, **shared, **{name: texts[name] for name in _FILES}, "constants.h": constants_header()}
+    own = {name: texts[name] for name in _FILES}
+    headers = {**made.headers, **shared, **own, "constants.h": constants_header(), "plan.h": PLAN_HEADER}
     units = [*((unit.name, unit.text) for unit in made.units), ("receding", texts["receding.c"])]
     built = build(
         units, headers=headers, flags_per_unit={"receding": SOLVER_FLAGS}, width=width, label="receding horizon"

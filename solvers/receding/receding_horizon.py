@@ -8,10 +8,12 @@ from math import ceil
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ProblemError, SolverError
+from piaffe.errors import SolverError
 from piaffe.ocp import SAME_TIME, Horizon, Problem
 
 from ..ilqr import Backend, Fixed, Options
+from ..tracking import Vwbc
+from .loop import Loop, time_goes_back
 from .memory import RecedingMemory
 from .native_tick import NativeTick
 from .numpy_tick import NumpyTick
@@ -86,7 +88,7 @@ class RecedingHorizon:
                 RecedingMemory(horizon, self.options, latency, iterations, first_iterations, retiming)
             )
         self._commands: dict[str, float] = {}
-        self._last_start: float | None = None
+        self._last_start: float | None = None  # of a plan that was made here
 
     @property
     def problem(self) -> Problem:
@@ -99,11 +101,17 @@ class RecedingHorizon:
         return self.problem.initial
 
     def reset(self) -> None:
-        """Delete the last plan and all commands."""
+        """Delete the last plan and all commands.
+
+        Raises:
+            SolverError: a loop makes the plans.
+        """
         for tick in (self._native, self._numpy):
             if tick is not None:
                 tick.reset()
         self._commands, self._last_start = {}, None
+        if self._native is not None:
+            self._native.tell({})
 
     def command(self, **values: float) -> None:
         """Set commands of the gaits, from the next plan on: ``speed``, ``lateral_speed``, ``yaw_rate``, ``height``.
@@ -113,6 +121,8 @@ class RecedingHorizon:
             ProblemError: a value is not finite.
         """
         self._commands |= self.horizon.checked_commands(values)
+        if self._native is not None:
+            self._native.tell(self._commands)
 
     def velocity(self, t: float) -> Array:
         """Return the commanded velocity ahead, to the left [m/s], and yaw rate [rad/s], (3,)."""
@@ -125,18 +135,32 @@ class RecedingHorizon:
         Raises:
             ProblemError: the state is not finite, or the plan would begin outside the motion.
             ShapeError: the state has another size.
+            SolverError: a loop makes the plans.
         """
         state = self.horizon.checked(x)
         if not abs(t) < self.horizon.latest:  # not NaN either
             raise self.horizon.outside(t)
-        if self._last_start is not None and t + self.latency <= self._last_start - self.horizon.dt + SAME_TIME:
-            raise ProblemError(
-                f"receding horizon: time goes back - got {t:g} s after a plan that began at {self._last_start:g} s, "
-                "expected a later one; call reset() before another episode"
-            )
+        last = self._last_start if self._native is None else self._native.last_start
+        if last is not None and t + self.latency <= last - self.horizon.dt + SAME_TIME:
+            raise time_goes_back(t, last)
         plan = self._planned(state, t)
         self._last_start = plan.start
         return plan
+
+    def running(self, low: Vwbc, *, thread: bool = True) -> Loop:
+        """Return a loop of this receding horizon and a low level, which the caller starts.
+
+        ``with mpc.running(low) as loop`` starts and stops it; ``loop.control(x, t)`` is the control.
+
+        Args:
+            low: the low level, made for a plan of this horizon: ``Vwbc(mpc.plan(mpc.initial, 0.0))``.
+            thread: whether plans are made in a thread of their own; else within the tick, which then waits for them.
+
+        Raises:
+            SolverError: horizon or low level are not compiled, the low level is not for plans of this horizon, or the
+                latency is zero, so that there is no time for plans in a thread.
+        """
+        return Loop(self._native, low, self.period, self.latency, thread=thread)
 
     def _planned(self, state: Array, t: float) -> Plan:
         if self._native is not None:

@@ -69,7 +69,7 @@ class HorizonTables(ct.Structure):
         (ct.c_long, "total period"),
         (ct.c_int, "num_entries cycle num_pieces num_segments num_targets num_modes num_transitions"),
         (_P, "entries segments pieces spaces samples frames initial modes transitions mode_tables transition_tables"),
-        (_P, "moved_sample pose solve policy"),
+        (_P, "moved_sample pose solve policy followed"),
     )
 
 
@@ -108,7 +108,7 @@ class Clock(ct.Structure):
 class Plan(ct.Structure):
     """See the header."""
 
-    _fields_ = fields((_P, "header numbers"))
+    _fields_ = fields((_P, "header numbers phases view"))
 
 
 class Arena(ct.Structure):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..ilqr import library_of
 from . import structs as s
 from .functions import generated_functions, spaces
 from .keeper import Keeper
+from .plan import followed_modes
 from .program import receding_library
 
 Array = NDArray[np.float64]
@@ -29,7 +31,7 @@ class HorizonMemory(Keeper):
         modes, links: the modes and transitions, in the order of their numbers.
         solver, library: the libraries of the solver and of the receding horizon; width: doubles per vector of both.
         functions: the generated functions, by name. work: the size of the work array of each.
-        commands: per piece, the commands that its functions read.
+        commands: the commands that the functions of all pieces read.
         c: the structure.
     """
 
@@ -42,8 +44,13 @@ class HorizonMemory(Keeper):
         self.width = self.solver.built.width
         self.functions = generated_functions(horizon)
         self.library, self.work = receding_library(tuple(self.functions.items()), self.width)
-        self.commands: list[Array] = []
+        self.commands: Array = self.keep(self.commanded({}))
         self.c = self._tables()
+
+    def commanded(self, commands: Mapping[str, float]) -> Array:
+        """Return the commands of all pieces, one piece after another: values by name, else the declared ones."""
+        pieces = (each for each in self.horizon.courses.pieces if each.functions is not None)
+        return np.concatenate([np.zeros(0), *(piece.commanded(commands) for piece in pieces)])
 
     def _address(self, name: str) -> int | None:
         """Return the address of a generated function; None if there is no such function."""
@@ -57,7 +64,7 @@ class HorizonMemory(Keeper):
     def _tables(self) -> s.HorizonTables:
         horizon = self.horizon
         calendar, tables = horizon.calendar, horizon.tables
-        own = spaces(horizon)
+        own, own_modes = spaces(horizon), followed_modes(horizon)
         segments = []
         for i, (segment, table) in enumerate(zip(horizon.problem.schedule.segments, tables.segments, strict=True)):
             window = horizon.layout.windows[i]
@@ -100,6 +107,7 @@ class HorizonMemory(Keeper):
             mode_tables=self.array(ct.c_void_p, of_modes), transition_tables=self.array(ct.c_void_p, of_links),
             moved_sample=self._address("moved_sample"), pose=self._address("pose"),
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
+            followed=self.ints([own_modes.index(mode) if mode in own_modes else -1 for mode in self.modes]),
         )  # fmt: skip
 
     def _table(self, name: str) -> int:
@@ -114,20 +122,20 @@ class HorizonMemory(Keeper):
         )  # fmt: skip
 
     def _pieces(self) -> list[s.Piece]:
-        found = []
+        found, told = [], 0
         for i, (piece, (entry, tick)) in enumerate(
             zip(self.horizon.courses.pieces, self.horizon.calendar.firsts, strict=True)
         ):
             of = piece.functions
-            command = np.zeros(0) if of is None else np.array(of.command, dtype=float)
-            self.commands.append(self.keep(command))
+            command = self.commands[told:].ctypes.data
             sizes = (0,) * 5 if of is None else (
                 of.num_memory, of.num_sample, of.num_schedule, of.num_start, len(of.commands)
             )  # fmt: skip
+            told += sizes[-1]
             names = ("start", "begin", "advance", "move", "sample", "pose", "pick")
             found.append(s.Piece(
                 *(self._address(f"piece{i}_{name}") for name in names), *sizes, entry, tick, self.ints(piece.places),
-                self.doubles(piece.schedules), self.doubles(piece.start), command.ctypes.data,
+                self.doubles(piece.schedules), self.doubles(piece.start), command,
                 (ct.c_double * 3)(*piece.first), (ct.c_double * 3)(*piece.last), (ct.c_double * 3)(*piece.turn),
             ))  # fmt: skip
         return found

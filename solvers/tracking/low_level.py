@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ShapeError, SolverError, UnknownNameError
-from piaffe.ocp import LoweredMode, Manifold
+from piaffe.ocp import ORIGIN, LoweredMode, Manifold, transform_state
 
 from .contacts import ContactFilter, Contacts, contact_settings, count_contacts, readings, scheduled_soon
 from .gains import JointPD
@@ -103,6 +103,10 @@ class LowLevel(ABC):
             return state
         return np.asarray(local(state))
 
+    def _in_world(self, mode: LoweredMode, u: Array) -> Array:
+        """Return a control of the frame of the plan in the world: forces turn, torques do not."""
+        return transform_state(mode.model.control, u, getattr(self.plan, "anchor", ORIGIN))
+
     def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
         """Return the control of a state (nx,) at time t [s], (nu,).
 
@@ -130,9 +134,9 @@ class LowLevel(ABC):
                 u = u + self.gains(at.mode, deviation, self._in_contact)
             u = self.bounded(at, state, u)
             if np.isfinite(u).all():
-                return u
+                return self._in_world(at.mode, u)
         self.damped += 1
-        return self.bounded(at, at.x, self._damp(at.mode, state))
+        return self._in_world(at.mode, self.bounded(at, at.x, self._damp(at.mode, np.asarray(x, dtype=float))))
 
     def __call__(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
         """Return :meth:`control`."""

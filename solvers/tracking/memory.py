@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import ctypes as ct
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import LoweredMode
+from piaffe.ocp import ORIGIN, LoweredMode
 
 from .contacts import MeasuredContacts
 from .gains import JointPD
@@ -106,10 +107,14 @@ class NativeTick:
         self.active = np.zeros(max(most, 1), dtype=np.int32)
         self.outcome = Outcome(active=self.active.ctypes.data)
         self._x, self._u = np.zeros(nx), np.zeros(nu)
-        self._call = library.piaffe_tick
-        self._arguments = (
-            ct.addressof(self._low), self._x.ctypes.data, self._u.ctypes.data, ct.addressof(self.outcome)
-        )  # fmt: skip
+        self._library = library
+        self._owner: object = None
+        self._given = self._x.ctypes.data, self._u.ctypes.data, ct.addressof(self.outcome)
+        self.address, self.function = ct.addressof(self._low), ct.cast(library.piaffe_tick, ct.c_void_p).value
+        """Addresses of ``struct low_level`` and of ``piaffe_tick``, for other C that calls the tick."""
+        self.followed = self.address + _LowLevel.plan.offset
+        """Address of the pointer to the plan that is followed."""
+        self.tick_by_itself()
 
     def follow(self, plan: StagedPlan) -> None:
         """Refer to another plan.
@@ -121,7 +126,7 @@ class NativeTick:
         if address is not None and getattr(plan, "modes", ()) == self._modes:
             self._low.plan = address
             return
-        self._plan.hold(followed(plan))
+        self._plan.hold(followed(plan), getattr(plan, "anchor", ORIGIN))
         self._low.plan = self._plan.address
 
     def change(self, slots: Mapping[LoweredMode, Changes], masks: bool) -> None:
@@ -144,7 +149,31 @@ class NativeTick:
 
     def __call__(self, x: Array, t: float) -> Array:
         """Return the control of a state (nx,) at a time [s], (nu,); ``outcome`` and ``active`` tell of it."""
-        low, state, control, outcome = self._arguments
+        state, control, outcome = self._given
         self._x[:] = x
-        self._call(low, state, t, control, outcome)
+        self._call(self._first, state, t, control, outcome)
         return self._u.copy()
+
+    def tick_through(self, function: Any, address: int, owner: object) -> None:
+        """Let other C call the tick.
+
+        Args:
+            function: called in place of ``piaffe_tick``, with the same arguments but the first.
+            address: its first argument.
+            owner: of the memory at this address, which is kept.
+        """
+        self._call, self._first, self._owner = function, address, owner
+
+    def tick_by_itself(self) -> None:
+        """Call the tick directly."""
+        self._call, self._first, self._owner = self._library.piaffe_tick, self.address, None
+
+    @property
+    def modes(self) -> tuple[LoweredMode, ...]:
+        """The modes, in the order of their numbers."""
+        return self._modes
+
+    @property
+    def scheduled(self) -> Array:
+        """The plan's contact flags in the last tick, (nf,)."""
+        return (self._flags[0] if self._low.contacts else self.in_contact).copy()

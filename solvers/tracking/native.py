@@ -10,7 +10,7 @@ from importlib.resources import files
 import casadi as cs
 
 from piaffe.codegen import SOLVER_FLAGS, NoCompilerError, build, generate, load
-from piaffe.ocp import LoweredMode
+from piaffe.ocp import LoweredMode, moved_symbols
 
 from ..ilqr import constants_header
 from .rows import ControlRows
@@ -58,14 +58,17 @@ def _functions(rows: ControlRows) -> dict[str, cs.Function]:
     """Return the functions of a mode; matrices are dense and row by row, ∂rows/∂z are its nonzeros."""
     (x, u, z, p), space, nu = rows.symbols, rows.mode.state, rows.mode.nu
     begin, end, measured = (cs.SX.sym(name, space.nx) for name in ("begin", "end", "measured"))
-    share = cs.SX.sym("share")
+    share, anchor = cs.SX.sym("share"), cs.SX.sym("anchor", 3)
     nominal = space.plus(begin, share * space.minus(end, begin))
-    deviation = space.minus(measured, nominal)
-    found = {
-        "deviation": cs.Function(
-            "deviation", [begin, end, share, measured], [cs.densify(nominal), cs.densify(deviation)]
-        )
-    }
+    x0, y0, yaw = cs.vertsplit(anchor)
+    c, s = cs.cos(yaw), cs.sin(yaw)
+    into = cs.vertcat(-(c * x0 + s * y0), s * x0 - c * y0, -yaw)  # undoes the motion from the origin to the anchor
+    local = cs.vertcat(*moved_symbols([(q, measured[part]) for q, part in space.slices.items()], into))
+    results = [cs.densify(each) for each in (nominal, space.minus(local, nominal), local)]
+    found = {"deviation": cs.Function("deviation", [begin, end, share, measured, anchor], results, {"cse": True})}
+    if turns(rows.mode):
+        parts = [(q, u[part]) for q, part in rows.mode.model.control.slices.items()]
+        found["world"] = cs.Function("world", [u, anchor], [cs.densify(cs.vertcat(*moved_symbols(parts, anchor)))])
     if rows.mode.nz:
         system = cs.densify(cs.horzcat(*rows.system)).T
         found["implicit"] = cs.Function("implicit", [x, u, p], [system], {"cse": True})
@@ -77,6 +80,11 @@ def _functions(rows: ControlRows) -> dict[str, cs.Function]:
         entries = by_z.nz[:] if by_z.nnz() else cs.SX(1, 1)
         found["rows"] = cs.Function("rows", [x, u, z, p], [cs.densify(value), by_u, cs.densify(entries)], {"cse": True})
     return found
+
+
+def turns(mode: LoweredMode) -> bool:
+    """Return whether controls of a mode turn with the frame, as forces do and torques do not."""
+    return any(block.quantity.kind != "vector" for block in mode.model.control.blocks)
 
 
 def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
@@ -93,7 +101,8 @@ def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
         "NX": mode.state.nx, "NDX": mode.state.ndx, "NU": nu, "NZ": mode.nz, "NP": mode.layout.size,
         "NG": len(mode.rows["stage_g"]), "NH": len(mode.rows["stage_h"]), "KEPT_G": len(rows.g), "KEPT_H": len(rows.h),
         "NUM_Z": pattern.nnz(), "NUM_BOUNDS": len(rows.bounds), "SPEED": speeds, "POSITION": position,
-        "VELOCITY": velocity, "NUM_WORK": max(size for name, size in work.items() if name.startswith(f"tick{i}_")),
+        "VELOCITY": velocity, "TURNS": int(turns(mode)),
+        "NUM_WORK": max(size for name, size in work.items() if name.startswith(f"tick{i}_")),
     }  # fmt: skip
     tables = {
         "kept_g": rows.g, "kept_h": rows.h, "z_row": pattern.row(), "z_col": pattern.get_col(),

@@ -89,7 +89,8 @@ class StagedPlan(Protocol):
 
     A plan may also have ``modes``, a tuple of all modes that it and the plans after it have, and ``address``, where
     it lies in memory as ``struct plan`` of ``plan.h``, with modes numbered as in ``modes``. The low level in C then
-    reads that memory. A plan in a frame of its own has ``local(x)``, which moves a measured state (nx,) into it.
+    reads that memory. A plan in a frame of its own has ``anchor``, this frame in the world (x, y, yaw), and
+    ``local(x)``, which moves a measured state (nx,) into it.
     """
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes as ct
 from collections.abc import Sequence
 from functools import lru_cache
+from importlib.resources import files
 from struct import Struct
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ShapeError
-from piaffe.ocp import LoweredMode
+from piaffe.ocp import ORIGIN, LoweredMode, PlanarFrame
 
 from .plan import PlanPhase
 
@@ -20,12 +21,18 @@ Array = NDArray[np.float64]
 
 _ARRAYS = ("times", "states", "controls", "feedback", "Q_u", "Q_ux", "Q_uu", "p", "g_mask", "h_mask")
 _PHASE = Struct(f"@2i{len(_ARRAYS)}P")
+PHASE_BYTES = _PHASE.size
+"""Size of ``struct plan_phase``."""
+PLAN_HEADER = files(__package__).joinpath("template", "plan.h").read_text(encoding="utf-8")
+"""The text of ``plan.h``, for other C that makes or reads plans."""
 _DOUBLE = np.dtype(np.float64)
 _first: Any = ct.c_char.from_buffer
 
 
-class _Plan(ct.Structure):
-    _fields_ = [("num_phases", ct.c_int), ("phases", ct.c_void_p)]
+class PlanStruct(ct.Structure):
+    """See the header."""
+
+    _fields_ = [("num_phases", ct.c_int), ("phases", ct.c_void_p), ("anchor", ct.c_double * 3)]
 
 
 class PlanMemory:
@@ -37,13 +44,17 @@ class PlanMemory:
 
     def __init__(self, modes: Sequence[LoweredMode]) -> None:
         self._numbers = {mode: i for i, mode in enumerate(modes)}
-        self._plan, self._phases = _Plan(), bytearray(0)
+        self._plan, self._phases = PlanStruct(), bytearray(0)
         self._room: Any = None
         self._kept_alive: tuple[Any, ...] = ()
         self.address = ct.addressof(self._plan)
 
-    def hold(self, phases: Sequence[PlanPhase]) -> None:
+    def hold(self, phases: Sequence[PlanPhase], anchor: PlanarFrame = ORIGIN) -> None:
         """Refer to the arrays of some phases; arrays of another type or order are copied.
+
+        Args:
+            phases: the phases.
+            anchor: the frame of their states in the world (x, y, yaw).
 
         Raises:
             ShapeError: an array has another size than its mode's.
@@ -57,7 +68,7 @@ class PlanMemory:
             self._plan.phases = ct.addressof(self._room)
         for i, record in enumerate(records):
             _PHASE.pack_into(self._phases, i * _PHASE.size, *record)
-        self._plan.num_phases = len(phases)
+        self._plan.num_phases, self._plan.anchor[:] = len(phases), anchor
         self._kept_alive = (phases, copies)
 
     def _record(self, phase: PlanPhase, copies: list[Array], double: Any = _DOUBLE) -> list[int]:

@@ -133,6 +133,11 @@ class Vwbc(LowLevel):
         """The implementation in use; ``"numpy"`` also without a compiler, and for other methods of the program."""
         return "numpy" if self._tick is None else "native"
 
+    @property
+    def compiled(self) -> NativeTick | None:
+        """The tick in C; None for the readable reference."""
+        return self._tick
+
     def _native(self) -> NativeTick | None:
         """Return the tick in C with the plan in its memory; None if no compiler works."""
         library = tick_library(self._modes, self.rows)
@@ -196,7 +201,7 @@ class Vwbc(LowLevel):
             ShapeError: the state has another size than the plan's, or there are not nf flags.
             SolverError: contacts are measured and not given, or given and not measured.
         """
-        state, tick = self._in_plan(x), self._tick
+        state, tick = np.asarray(x, dtype=float), self._tick
         if tick is None or state.shape != self._shape:
             self.last = VwbcTick(None, 0, ())
             return super().control(x, t, contacts)
@@ -220,8 +225,8 @@ class Vwbc(LowLevel):
         return (self._in_contact if self._tick is None else self._tick.in_contact).copy()
 
     def program(self, x: ArrayLike, t: float) -> Program:
-        """Return the quadratic program of a state (nx,) at time t [s]."""
-        at, state = stage_at(self.plan, t), np.asarray(x, dtype=float)
+        """Return the quadratic program of a measured state (nx,) at time t [s], in the frame of the plan."""
+        at, state = stage_at(self.plan, t), self._in_plan(x)
         return self._program(at, state, at.mode.state.np_minus(state, at.x) * self._kept[at.mode])
 
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:

@@ -146,6 +146,21 @@ static void write_plan(const Receding *r, const Plan *plan)
         }
 }
 
+void receding_view(const Horizon *h, const Plan *plan)
+{
+    int n = 0;
+    for (; n < plan->header[NUM_PARTS]; n++) {
+        const long *part = part_of(plan, n);
+        const int mode = h->followed[part[MODE]];
+        const double *at = plan->numbers;
+        if (mode < 0) break;
+        plan->phases[n] = (struct plan_phase){
+            mode, (int)part[STAGES], at + part[AT_TIMES], at + part[AT_X], at + part[AT_U], at + part[AT_FEEDBACK],
+            at + part[AT_Q_U], at + part[AT_Q_UX], at + part[AT_Q_UU], at + part[AT_P], at + part[AT_G_MASK], at + part[AT_H_MASK]};
+    }
+    *plan->view = (struct plan){n, plan->phases, {plan->numbers[ANCHOR], plan->numbers[ANCHOR + 1], plan->numbers[ANCHOR + 2]}};
+}
+
 /* Makes a plan from a state in the world, measured at time t. */
 int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
 {
@@ -204,8 +219,10 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     memcpy(f + ANCHOR, r->course.anchor, sizeof(double) * 3);
     memcpy(f + MOVED, r->course.moved, sizeof(double) * 3);
     f[COST] = pr->cost, f[DEFECT] = pr->max_defect, f[EQUALITY] = pr->max_equality, f[INEQUALITY] = pr->max_inequality;
-    f[MEASURED_AT] = t, f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = seconds_now() - solved, f[SHIFT] = (double)r->clock.shift * h->tick;
+    f[MEASURED_AT] = t, f[SHIFT] = (double)r->clock.shift * h->tick;
+    f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = seconds_now() - solved;
+    receding_view(h, plan);
     r->last = *plan, r->began = 1;
-    r->has_plan = is_finite(h, plan); /* else the next plan begins anew */
-    return PLANNED;
+    r->has_plan = is_finite(h, plan);
+    return r->has_plan ? PLANNED : NOT_FINITE_PLAN;
 }

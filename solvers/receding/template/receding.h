@@ -4,6 +4,7 @@
 #define PIAFFE_RECEDING_H
 
 #include "piaffe.h"
+#include "plan.h"
 
 typedef void (*function)(const vd *const *arg, vd *const *res, vd *w);
 
@@ -76,6 +77,7 @@ typedef struct {
     const Transition *const *transition_tables;
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
     int (*solve)(Problem *, int), (*policy)(Problem *);
+    const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
 } Horizon;
 
 /* Where a tick is in the motion, see Place. */
@@ -121,13 +123,16 @@ typedef struct {
 enum { NUM_PARTS, TICK, STATUS, ITERATIONS, HAS_POLICY, HEADER };
 enum { SEGMENT, NUMBER, ENTRY, MODE, STAGES, FIRST, TRANSITION, FLAGS, LAST, AT_TIMES, AT_X, AT_U, AT_K, AT_FEEDBACK, AT_Q_X, AT_Q_U,
        AT_Q_XX, AT_Q_UX, AT_Q_UU, AT_P, AT_G_MASK, AT_H_MASK, AT_P_TRANSITION, PART };
-enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_AT, NUMBERS_S, SOLVE_S, POLICY_S, SHIFT, NUM_FIGURES = 16 };
-typedef struct {
+enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_AT, NUMBERS_S, SOLVE_S, POLICY_S, SHIFT,
+       NUM_FIGURES = 16 };
+typedef struct planned {
     long *header;
     double *numbers;
+    struct plan_phase *phases;          /* of the view */
+    struct plan *view;                  /* the same plan as low levels read it */
 } Plan;
 
-typedef struct {
+typedef struct receding {
     const Horizon *horizon;
     Course course;
     int has_plan, began;                /* whether the last plan is finite and continued; whether there was a plan */
@@ -150,9 +155,11 @@ typedef struct {
     vd *lanes, *work;                   /* inputs and outputs of functions; their work arrays */
 } Receding;
 
-/* Returns 0, or why there is no plan. */
-enum { PLANNED, OUTSIDE, NOT_FINITE_STATE };
+/* Returns 0, or why there is no plan; with NOT_FINITE_PLAN there is one, but the next one begins anew. */
+enum { PLANNED, OUTSIDE, NOT_FINITE_STATE, NOT_FINITE_PLAN };
 int receding_plan(Receding *r, const double *x, double t, const Plan *plan);
 /* Bytes of the solver's memory, and numbers and header entries of a plan, for a horizon that begins at a tick. */
 void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries);
+/* Lets the view of a plan refer to its numbers; a tick does this itself. */
+void receding_view(const Horizon *h, const Plan *plan);
 #endif

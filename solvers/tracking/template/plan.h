@@ -19,5 +19,6 @@ struct plan_phase { /* N stages */
 struct plan { /* phases in the order of time, with states of one size and controls of one size */
     int num_phases;
     const struct plan_phase *phases;
+    double anchor[3]; /* frame of its states in the world: x, y [m], yaw [rad] */
 };
 #endif

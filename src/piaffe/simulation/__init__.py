@@ -33,6 +33,7 @@ from .online import run_online as run_online
 from .online_episode import OnlineEpisode as OnlineEpisode
 from .online_episode import PlanLog as PlanLog
 from .perturbation import Perturbation as Perturbation
+from .planner import LoopLike as LoopLike
 from .planner import LowLevelLike as LowLevelLike
 from .planner import Planner as Planner
 from .plant import Plant as Plant

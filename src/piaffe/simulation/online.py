@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
@@ -77,7 +77,8 @@ def run_online(
         estimator: estimates the state from the sensors on the robot; by default the measured state is used.
         every: one tick of so many is recorded, for long episodes.
         wall_clock: pace the simulation by the real clock, and plan in a thread of its own. The first plan is made
-            before the clock starts. A plan that is not ready after the latency is missed; the one before goes on.
+            before the clock starts. A plan that is not ready after the latency is missed; the one before goes on. With
+            ``solvers.RecedingHorizon`` and ``solvers.Vwbc``, plans and ticks are a ``solvers.Loop``.
         progress: called after every period with the time that is simulated and ``seconds``.
 
     Raises:
@@ -111,10 +112,14 @@ def run_online(
     run.begin(x, steps // ticks + steps // period + 2, every)
     loop = TwoRates(run.simulation, run, Rates(period, ticks, lag), limit=steps)
     clock = wall_clock if isinstance(wall_clock, WallClock) else WallClock() if wall_clock else None
-    with clock or nullcontext():
+    with ExitStack() as stack:
         if clock is not None:
-            run.clock = clock
-            run.planning = None if planner is None else PlanningInThread(planner, clock.executor)
+            run.clock = stack.enter_context(clock)
+            if planner is not None and _runs_in_loop(planner, low):
+                made: Any = planner
+                run.run_in(stack.enter_context(made.running(low)))
+            elif planner is not None:
+                run.planning = PlanningInThread(planner, clock.executor)
         k = 0
         while not loop.over:
             loop.period(at + k * period * step)
@@ -122,6 +127,12 @@ def run_online(
             if progress is not None:
                 progress(min(k * period, steps) * step, seconds)
     return run.episode(float(seconds), at + loop.steps * step)
+
+
+def _runs_in_loop(planner: Any, low: Any) -> bool:
+    """Return whether a planner has loops, and both are compiled."""
+    backends = {getattr(each, "backend", "") for each in (planner, low)}
+    return callable(getattr(planner, "running", None)) and backends == {"native"}
 
 
 def _initial(planner: Any, low: Any, plant: Plant) -> Array:

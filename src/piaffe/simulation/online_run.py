@@ -20,8 +20,8 @@ from .estimator import Estimator
 from .log import Log
 from .online_episode import OnlineEpisode, PlanLog
 from .plan_velocity import planned_velocity
-from .planner import LowLevelLike, Planner
-from .planning import Planning, PlanningAtOnce, PlanningInThread
+from .planner import LoopLike, LowLevelLike, Planner
+from .planning import MadePlan, Planning, PlanningAtOnce, PlanningInLoop, PlanningInThread
 from .plant import Plant
 from .policy_run import Control
 from .push import Push
@@ -50,6 +50,7 @@ class OnlineRun:
         self.simulation = plant.simulate(x)
         self._planner, self._low, self._plant, self._tick_s = planner, low, plant, tick
         self.planning = None if planner is None else PlanningAtOnce(planner)
+        self._loop: LoopLike | None = None
         self._sensors = plant.sensors(seed)
         self._pushes = Pushes(pushes, plant.space, start, plant.timestep)
         self._commands = sorted(commands, key=lambda each: each.time)
@@ -104,18 +105,31 @@ class OnlineRun:
             self._commands = self._commands[len(due) :]
             for command in due:
                 self._asked.update({name: value for name, value in command.values.items() if name in _VELOCITY})
+        if self._loop is not None:
+            self._note(self.planning.take())  # the first one, which the loop has made at once
         return x
 
     def plan(self, x: Array, t: float) -> None:
         """Follow the plan that was asked for, if it is ready."""
-        made = None if self.planning is None else self.planning.take()
+        made = None if self.planning is None or self._loop is not None else self.planning.take()
+        if made is not None:
+            self._low.follow(made.plan)
+            self._contacts = planned_contacts(self._low, made.plan)
+            self._note(made)
+
+    def _note(self, made: MadePlan | None) -> None:
+        """Note that a plan acts from now on."""
         if made is None:
             return
-        self._low.follow(made.plan)
         self._acting, self._made = True, made.time
-        self._contacts = planned_contacts(self._low, made.plan)
         status, iterations = getattr(made.plan, "status", ""), getattr(made.plan, "iterations", np.nan)
         self._plans.append((made.time, made.seconds, float(iterations), str(getattr(status, "name", status))))
+
+    def run_in(self, loop: LoopLike) -> None:
+        """Let a loop, which runs, make plans and ticks."""
+        assert self._planner is not None  # it has made the loop
+        self._loop, self.planning = loop, PlanningInLoop(self._planner, loop)
+        self._contacts = lambda t: loop.scheduled
 
     def control(self, t: float, due: bool) -> Array:
         """Return the torques of a step, (nu,)."""
@@ -139,10 +153,12 @@ class OnlineRun:
         measured, seconds = self._sense(x, t), np.nan
         if self._acting:
             flags = (self._touching(),) if getattr(self._low, "measures_contacts", False) else ()
-            act: Any = self._low.control  # with a third argument if contacts are measured
+            act: Any = (self._loop or self._low).control  # with a third argument if contacts are measured
             begin = thread_time()
             control = act(measured, t, *flags)
             seconds = thread_time() - begin
+            if self._loop is not None and self.planning is not None:
+                self._note(self.planning.take())
         else:
             control = self.hold(x, t)
         self._control = np.asarray(control, dtype=float)
@@ -245,7 +261,9 @@ class OnlineRun:
     def _deadlines(self) -> Deadlines | None:
         if self.clock is None:
             return None
-        asked, missed = (
-            (self.planning.asked - 1, self.planning.missed) if isinstance(self.planning, PlanningInThread) else (0, 0)
+        asked = missed = 0
+        if isinstance(self.planning, PlanningInThread | PlanningInLoop):
+            asked, missed = self.planning.asked - 1, self.planning.missed
+        return Deadlines(
+            max(asked, 0), missed, self.clock.ticks, self.clock.missed, self.clock.latest, self.clock.real_time
         )
-        return Deadlines(max(asked, 0), missed, self.clock.ticks, self.clock.missed, self.clock.latest)

@@ -14,7 +14,9 @@ class Planner(Protocol):
     """A planner, which makes a plan every ``period`` seconds. State comes before time.
 
     These are optional: ``command(**values)`` takes a :class:`Command`; ``velocity(t)`` returns the commanded velocity
-    ahead and to the left [m/s] and yaw rate [rad/s] at a time, with which figures compare.
+    ahead and to the left [m/s] and yaw rate [rad/s] at a time, with which figures compare; ``running(low)`` returns a
+    :class:`LoopLike`, which runs against the real clock if planner and low level have a ``backend`` that is
+    ``"native"``.
     A plan may have ``iterations`` and ``status``, and what :func:`planned_contacts` reads.
     """
 
@@ -33,6 +35,47 @@ class Planner(Protocol):
         The planner itself predicts the state at the time at which the plan acts.
         """
         ...
+
+
+class LoopLike(Protocol):
+    """A planner and a low level that run together, such as ``solvers.Loop``; a context starts and stops it."""
+
+    @property
+    def asked(self) -> int:
+        """Number of plans that were due."""
+        ...
+
+    @property
+    def missed(self) -> int:
+        """Number of plans among them that were late or not made."""
+        ...
+
+    @property
+    def taken(self) -> int:
+        """Number of plans that have acted."""
+        ...
+
+    @property
+    def acting(self) -> Any:
+        """The plan that acts: ``measured_at`` [s], ``seconds``, ``iterations``, ``status``."""
+        ...
+
+    @property
+    def scheduled(self) -> Array:
+        """Its contact flags at the last tick, (nf,)."""
+        ...
+
+    def begin(self, x: Array, t: float) -> None:
+        """Make a plan of a state (nx,) at time t [s] now, and follow it."""
+        ...
+
+    def control(self, x: Array, t: float) -> Array:
+        """Return the torques of a state (nx,) at time t [s], (nu,) [Nm]."""
+        ...
+
+    def __enter__(self) -> LoopLike: ...
+
+    def __exit__(self, *_: Any) -> None: ...
 
 
 class LowLevelLike(Protocol):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .command import Command
-from .planner import Planner
+from .planner import LoopLike, Planner
 
 Array = NDArray[np.float64]
 
@@ -117,11 +117,52 @@ class PlanningInThread:
         return plan
 
 
+class PlanningInLoop:
+    """Plans that a loop makes by itself.
+
+    Args:
+        planner: takes the commands.
+        loop: makes the plans and the ticks. It runs.
+    """
+
+    def __init__(self, planner: Planner, loop: LoopLike) -> None:
+        self._planner, self.loop = planner, loop
+        self._taken = 0
+
+    def ask(self, x: Array, t: float, commands: Sequence[Command]) -> bool:
+        """Pass commands on; the loop asks for plans at its ticks. The first plan is made here."""
+        tell(self._planner, commands)
+        if not self.loop.taken:
+            self.loop.begin(x, t)
+        return True
+
+    def take(self) -> MadePlan | None:
+        """Return what is known of the plan that acts, if it is a new one."""
+        if self.loop.taken == self._taken:
+            return None
+        self._taken, acting = self.loop.taken, self.loop.acting
+        return MadePlan(acting, acting.measured_at, acting.seconds)
+
+    @property
+    def asked(self) -> int:
+        """Number of plans that were due, the first included."""
+        return self.loop.asked + 1
+
+    @property
+    def missed(self) -> int:
+        """Number of plans that were late or not made."""
+        return self.loop.missed
+
+
+def tell(planner: Any, commands: Sequence[Command]) -> None:
+    """Tell a planner its commands; run_online has checked that it takes them."""
+    for command in commands:
+        planner.command(**command.values)
+
+
 def made(planner: Planner, x: Array, t: float, commands: Sequence[Command]) -> MadePlan:
     """Tell a planner its commands, and return its plan."""
-    teller: Any = planner  # run_online has checked that it takes commands
-    for command in commands:
-        teller.command(**command.values)
+    tell(planner, commands)
     begin = thread_time()
     plan = planner.plan(x, t)
     return MadePlan(plan, t, thread_time() - begin)
