@@ -312,3 +312,19 @@ def test_names_of_a_file_are_checked(capsys: pytest.CaptureFixture[str], tmp_pat
         code, _, err = run(capsys, GO2, "--plant", OTHER, "--names", path)
         assert code == 2
         assert message in err
+
+
+def test_a_file_says_what_a_fall_is(capsys: pytest.CaptureFixture[str], file: Path) -> None:
+    with file.open("a") as more:
+        more.write("\nfall = models.Fall(tilt=0.0, height=0.0)\n")
+    code, out, _ = run(capsys, file, *SHORT, "--json")
+    assert code == 1
+    assert json.loads(out)["falls"] == 1
+
+
+def test_a_fall_that_is_none_is_named(capsys: pytest.CaptureFixture[str], file: Path) -> None:
+    with file.open("a") as more:
+        more.write("\nfall = 0.5\n")
+    code, _, err = run(capsys, file, *SHORT)
+    assert code == 2
+    assert "name 'fall': is not the definition of a fall - got float, expected models.Fall" in err

@@ -98,7 +98,8 @@ def mpc(
     """Run FILE's problem as a receding horizon on a simulated plant. Exit code 1 unless every seed succeeds.
 
     A success has no fall, an upright base at its end, and the commanded speed. A module-level
-    `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon.
+    `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon, and
+    `fall = models.Fall(...)` says what a fall is.
     """
     if video is not None:
         from piaffe.viz import gl, is_sheet, picture_size

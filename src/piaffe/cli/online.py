@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
-from piaffe.models import Robot, joints
+from piaffe.models import Fall, Robot, joints
 from piaffe.models import payload as mass_on_base
 from piaffe.ocp import Problem, compile_problem, is_same_time, load_problem_file
 from piaffe.simulation import (
@@ -38,6 +38,7 @@ class OnlineSetup:
         options: arguments of ``RecedingHorizon`` that the file has.
         file: the file, for errors.
         settings: the settings.
+        fall: the file's definition of a fall; None for the usual one.
 
     Raises:
         ProblemError: the file's options are unusable, or the first model has no robot with joints.
@@ -47,9 +48,11 @@ class OnlineSetup:
 
     mpc: RecedingHorizon
 
-    def __init__(self, problem: Problem, options: Any, *, file: str, settings: OnlineSettings) -> None:
+    def __init__(
+        self, problem: Problem, options: Any, *, file: str, settings: OnlineSettings, fall: Any = None
+    ) -> None:
         self.problem, self.settings = problem, settings
-        self.options = _checked_options(options, file)
+        self.options, self.fall = _checked_options(options, file), _checked_fall(fall, file)
         own = float(self.options.pop("latency", 0.0))
         self.latency = own if settings.latency is None else settings.latency
         self.pushes, self.commands = parse_pushes(settings.push), parse_commands(settings.command)
@@ -70,7 +73,9 @@ class OnlineSetup:
             PiaffeError: as above, or the file cannot be used.
         """
         problem, module = load_problem_file(file, quiet=quiet)
-        return cls(problem, getattr(module, "mpc", {}), file=file, settings=settings)
+        return cls(
+            problem, getattr(module, "mpc", {}), file=file, settings=settings, fall=getattr(module, "fall", None)
+        )
 
     def _plant(self, **drawn: Any) -> Plant:
         """Return the plant with numbers that a seed draws."""
@@ -143,7 +148,7 @@ class OnlineSetup:
         start = self.variation.start.around(plant.model, self.problem.initial, seed)
         return run_online(
             self.mpc, low, plant, seconds=self.settings.seconds, latency=self.latency, seed=seed, initial=start,
-            pushes=self.pushes, commands=self.commands, progress=progress,
+            pushes=self.pushes, commands=self.commands, fall=self.fall, progress=progress,
         )  # fmt: skip
 
 
@@ -159,6 +164,16 @@ def _checked_options(options: Any, file: str) -> dict[str, Any]:
         if name not in known:
             raise UnknownNameError(f"file '{file}', name 'mpc'", "argument of RecedingHorizon", str(name), known)
     return dict(options)
+
+
+def _checked_fall(fall: Any, file: str) -> Fall | None:
+    """Return the file's ``fall``."""
+    if fall is None or isinstance(fall, Fall):
+        return fall
+    raise ProblemError(
+        f"file '{file}', name 'fall': is not the definition of a fall - got {type(fall).__name__}, expected "
+        "models.Fall(tilt=..., height=...); fix it, or give it another name"
+    )
 
 
 def _require_joints(problem: Problem, file: str) -> None:
