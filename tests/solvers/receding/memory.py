@@ -36,11 +36,19 @@ SEEDS = {"robot": 3}
 TICKS = 12
 
 
-def runtime() -> Path | None:
-    """Return the runtime of AddressSanitizer, which must be loaded before Python; None if the compiler has none."""
-    command = [*working().command, "-print-file-name=libasan.so"]
-    found = Path(subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip())
-    return found.resolve() if found.is_absolute() and found.exists() else None
+def runtime() -> str | None:
+    """Return the libraries that must be loaded before Python; None if the compiler has none, as others than gcc.
+
+    They are AddressSanitizer, and that of C++, whose exceptions it follows.
+    """
+    found = []
+    for name in ("libasan.so", "libstdc++.so.6"):
+        command = [*working().command, f"-print-file-name={name}"]
+        path = Path(subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip())
+        if not (path.is_absolute() and path.exists()):
+            return None
+        found.append(str(path.resolve()))
+    return " ".join(found)
 
 
 def sanitized(units: Any, *, flags_per_unit: Mapping[str, Sequence[str]] | None = None, **more: Any) -> Built:
@@ -75,16 +83,16 @@ def child(names: Sequence[str]) -> int:
     return 0
 
 
-def checked(names: Sequence[str], before: Path, *, spoil: bool = False) -> subprocess.CompletedProcess[str]:
+def checked(names: Sequence[str], before: str, *, spoil: bool = False) -> subprocess.CompletedProcess[str]:
     """Check names in a process of its own, which loads the runtime first.
 
     Args:
         names: structures and motions.
-        before: the runtime.
+        before: see :func:`runtime`.
         spoil: whether arrays are one number too short.
     """
     environment = {
-        **os.environ, CHILD: "1", "LD_PRELOAD": str(before), "PYTHONMALLOC": "malloc",
+        **os.environ, CHILD: "1", "LD_PRELOAD": before, "PYTHONMALLOC": "malloc",
         "ASAN_OPTIONS": "detect_leaks=0", "UBSAN_OPTIONS": "print_stacktrace=1", **({SPOILT: "1"} if spoil else {}),
     }  # fmt: skip
     command = [sys.executable, "-m", "tests.solvers.receding.memory", *names]

@@ -1,7 +1,5 @@
 """Ticks run clean where errors of memory show, and such errors would show."""
 
-from pathlib import Path
-
 import pytest
 
 from piaffe.codegen.compilers import NoCompilerError
@@ -9,7 +7,7 @@ from piaffe.codegen.compilers import NoCompilerError
 from .memory import checked, runtime
 
 
-def before() -> Path:
+def before() -> str:
     try:
         found = runtime()
     except NoCompilerError as error:
