@@ -52,15 +52,15 @@ def main(repeats: int = 1, json: bool = False, save: bool = False) -> dict[str, 
                     for k in range(PHASES):
                         mpc.reset()
                         plan = mpc.plan(declared.initial, 0.0)
-                        gains = solvers.JointPD(contact_of=robot.foot_of_joint)
+                        gains = solvers.JointPD(
+                            3.0, (1.0, 0.5, 0.5) * 4, in_stance=0.25, contact_of=robot.foot_of_joint
+                        )
                         leave_out = {} if name == "FeedforwardPD" else {"leave_out": LEAVE_OUT}
                         low = getattr(solvers, name)(plan, gains=gains, **leave_out)
                         start = round(START + CYCLE * k / PHASES, 3)
                         push = simulation.Push(time=start, velocity=tuple(speed * each for each in axis))
                         plant = simulation.Plant(robot, friction=0.7)
-                        episode = simulation.run_online(
-                            mpc, low, plant, seconds=round(start + AFTER, 2), pushes=[push]
-                        )
+                        episode = simulation.run_online(mpc, low, plant, seconds=round(start + AFTER, 2), pushes=[push])
                         own[direction] += episode.success
     result = {"phases": PHASES, "survived": table, **surroundings()}
     tell(result, json, save, __file__)

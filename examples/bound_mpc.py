@@ -49,7 +49,11 @@ def run(push: str = "1.5@2.5:y", seconds: float = 5.0) -> simulation.OnlineEpiso
 def main() -> float:
     """Run the bound, print how it takes the push, and return its speed in the last second [m/s]."""
     episode = run()
-    for what, first, last in (("before the push", 1.5, 2.5), ("in the second after it", 2.5, 3.5), ("at the end", 4.0, 5.0)):
+    for what, first, last in (
+        ("before the push", 1.5, 2.5),
+        ("in the second after it", 2.5, 3.5),
+        ("at the end", 4.0, 5.0),
+    ):
         found = episode.tracking(first, last)
         print(f"{what}: {found.velocity[0]:.3f} m/s ahead, {found.velocity[1]:+.3f} m/s to the left")
     return float(episode.tracking(4.0, 5.0).velocity[0])

@@ -44,7 +44,7 @@ limits = ocp.Constraints(
 effort = ocp.regularize(feet.force, weight=0.02)
 cascade = body.over(0.5, dt=0.01).without(effort) + srb.over(0.6, dt=0.05).without(limits)
 
-mpc = dict(latency=0.02, retiming=solvers.Retiming())
+mpc = {"latency": 0.02, "retiming": solvers.Retiming()}
 fall = models.Fall(tilt=pi, height=0.06)  # a roll is no fall
 
 
