@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import redirect_stdout
 from importlib import import_module
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -53,7 +55,8 @@ def solve_osqp(
         sparse.csc_matrix(np.triu(H)), g, sparse.csc_matrix(np.vstack([A, C[kept]])), lower, upper, verbose=False,
         eps_abs=1e-6, eps_rel=1e-6, polishing=True,
     )  # fmt: skip
-    found = solver.solve(raise_error=False)
+    with redirect_stdout(StringIO()):  # without active rows it prints that nothing is to be polished, verbose or not
+        found = solver.solve(raise_error=False)
     status = _OSQP.get(str(found.info.status), QpStatus.ITERATION_LIMIT)
     return _result(status, np.array(found.x), -np.array(found.y), m, kept, int(found.info.iter))
 

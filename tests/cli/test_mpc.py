@@ -8,7 +8,10 @@ from matplotlib.image import imread
 
 from piaffe.cli.app import main
 
-CASCADE = Path(__file__).parents[2] / "examples" / "cascade.py"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+CASCADE, GO2, OTHER, NAMES = (
+    EXAMPLES / name for name in ("cascade.py", "go2_mpc.py", "other_go2.xml", "other_go2.toml")
+)
 SHORT = ("--seconds", "0.3")
 
 
@@ -53,6 +56,39 @@ def test_seeds_differ_and_can_be_repeated_alone(capsys: pytest.CaptureFixture[st
     assert exact(values(capsys, "--seed", 4)["episodes"][0]) == second
 
 
+def test_seeds_in_processes_are_those_of_one_process(capsys: pytest.CaptureFixture[str]) -> None:
+    one, two = (values(capsys, "--seeds", 2, "--workers", count) for count in (1, 2))
+    assert [exact(row) for row in one["episodes"]] == [exact(row) for row in two["episodes"]]
+
+
+DRAWN = ("mass_spread", "friction", "perturbation", "noise")
+
+
+@pytest.mark.parametrize("kept", DRAWN)
+def test_each_thing_that_seeds_draw_changes_the_motion_by_itself(capsys: pytest.CaptureFixture[str], kept: str) -> None:
+    alone = {"mass_spread": "0.05", "friction": "0.2:0.9", "perturbation": "1", "noise": "1"}[kept]
+    made = values(capsys, "--no-spread", f"--{kept.replace('_', '-')}", alone, "--seeds", 2, "--workers", 1)
+    first, second = (exact(row) for row in made["episodes"])
+    assert {**first, "seed": 1} != second
+    off = {name: made["settings"][name] for name in DRAWN if name != kept}
+    assert off == {name: value for name, value in OFF.items() if name != kept}
+
+
+OFF = {"mass_spread": 0.0, "friction": 0.6, "perturbation": 0.0, "noise": 0.0}
+
+
+def test_without_spread_seeds_are_equal_and_the_friction_is_the_problems(
+    capsys: pytest.CaptureFixture[str], file: Path
+) -> None:
+    file.write_text(file.read_text().replace("mu=0.6", "mu=0.55"))
+    code, out, err = run(capsys, file, *SHORT, "--no-spread", "--seeds", 2, "--workers", 1, "--json")
+    assert code == 0, err
+    made = json.loads(out)
+    assert made["settings"]["friction"] == 0.55
+    first, second = (exact(row) for row in made["episodes"])
+    assert {**first, "seed": 1} == second
+
+
 @pytest.mark.parametrize("low", ["riccati", "pd"])
 def test_other_low_levels(capsys: pytest.CaptureFixture[str], low: str) -> None:
     made = values(capsys, "--low", low)
@@ -64,6 +100,16 @@ def test_other_low_levels(capsys: pytest.CaptureFixture[str], low: str) -> None:
 def test_quadratic_programs_of_the_low_level_agree(capsys: pytest.CaptureFixture[str]) -> None:
     own, other = values(capsys)["episodes"][0], values(capsys, "--qp", "numpy")["episodes"][0]
     assert other["speed_m_per_s"] == pytest.approx(own["speed_m_per_s"], abs=1e-3)
+
+
+@pytest.mark.parametrize("method", ["daqp", "osqp"])
+def test_programs_that_are_installed_run(capsys: pytest.CaptureFixture[str], method: str) -> None:
+    pytest.importorskip(method)
+    own, other = values(capsys, "--qp", "own"), values(capsys, "--qp", method)
+    assert other["settings"]["qp"] == method
+    assert other["fallbacks"] == 0
+    got, expected = other["episodes"][0], own["episodes"][0]
+    assert got["rms_velocity_error_m_per_s"] == pytest.approx(expected["rms_velocity_error_m_per_s"], abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -98,6 +144,70 @@ def test_a_fall_is_no_success(capsys: pytest.CaptureFixture[str]) -> None:
     assert "seed 0: the base is" in out
 
 
+def test_success_needs_the_commanded_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    about = ("--seconds", 1.2, "--settle", 0.5, "--no-spread")  # within the ramp: the robot is slower than its command
+    code, out, err = run(capsys, CASCADE, *about, "--json")
+    assert code == 1, err
+    made = json.loads(out)
+    row = made["episodes"][0]
+    assert (made["successes"], made["stayed_upright"], made["followed"], made["falls"]) == (0, 1, 0, 0)
+    assert (row["success"], row["stayed_upright"], row["upright"], row["followed"]) == (False, True, True, False)
+    (stretch,) = row["stretches"]
+    expected = abs(stretch["speed_m_per_s"] / stretch["commanded_m_per_s"] - 1)
+    assert row["speed_error"] == pytest.approx(expected)
+    assert made["median"]["speed_error"] == made["worst"]["speed_error"] == row["speed_error"] > 0.05
+    code, out, err = run(capsys, CASCADE, *about, "--speed-error", 0.9)
+    assert code == 0, err
+    assert "success in 1 of 1" in out
+    code, out, _ = run(capsys, CASCADE, *about)
+    assert code == 1
+    assert "upright, wrong speed" in out
+    assert "upright at the end: 1 of 1; speed within 5 % of the command from 0.5 s after its changes on: 0 of 1" in out
+
+
+def test_an_episode_that_is_too_short_is_judged_without_its_speed(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, CASCADE, *SHORT)
+    assert code == 0
+    assert "no command is constant for long enough to judge the speed" in out
+
+
+def test_summary_has_medians_and_worst_cases(capsys: pytest.CaptureFixture[str]) -> None:
+    made = values(capsys, "--seeds", 3, "--workers", 1)
+    found = sorted(row["rms_velocity_error_m_per_s"] for row in made["episodes"])
+    assert made["median"]["rms_velocity_error_m_per_s"] == found[1]
+    assert made["worst"]["rms_velocity_error_m_per_s"] == found[2]
+    assert made["median"]["speed_error"] is None  # no seed is judged
+
+
+# ---- the plant of a file
+
+
+def test_names_of_another_authors_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = NAMES.read_text()
+    line = 'FL = "front_left_toe"'
+    assert line in text
+    fewer = tmp_path / "fewer.toml"
+    fewer.write_text(text.replace(line, "").replace('FL_hip_joint = "front_left_abduction"', ""))
+    short = (GO2, *SHORT, "--plant", OTHER, "--json")
+    more = ("--names", fewer, "--joint", "FL_hip_joint=front_left_abduction", "--foot", "FL=front_left_toe")
+    made = []
+    for names in (("--names", NAMES), more):
+        code, out, err = run(capsys, *short, *names)
+        assert code == 0, err
+        made.append(json.loads(out))
+    first, second = made
+    assert exact(first["episodes"][0]) == exact(second["episodes"][0])
+    assert first["settings"]["friction"] is None
+    assert first["settings"]["mass_spread"] == 0
+    code, _, err = run(capsys, *short, "--names", fewer)
+    assert code == 2
+    assert "joints of robot 'go2' are missing - got front_left_abduction, expected FL_hip_joint" in err
+    assert "--joint FL_hip_joint=..." in err
+    code, _, err = run(capsys, *short, *more[:-2])
+    assert code == 2
+    assert "foot 'FL': no geom, site or body 'FL or FL_foot'" in err
+
+
 # ---- pictures
 
 
@@ -109,6 +219,14 @@ def test_figure_of_an_episode(capsys: pytest.CaptureFixture[str], tmp_path: Path
     pixels = imread(picture)
     assert pixels.shape[1] > 1000
     assert pixels.std() > 0.05
+
+
+def test_several_seeds_have_a_figure_each(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, out, err = run(capsys, CASCADE, *SHORT, "--seeds", 2, "--workers", 1, "--plot", tmp_path / "all.png")
+    assert code == 0, err
+    for seed in (0, 1):
+        assert f"saved {tmp_path}/all-seed-{seed}.png" in out
+        assert imread(tmp_path / f"all-seed-{seed}.png").std() > 0.05
 
 
 # ---- what is refused
@@ -130,6 +248,20 @@ def test_figure_of_an_episode(capsys: pytest.CaptureFixture[str], tmp_path: Path
         (("--qp", "daqp", "--low", "pd"), "low level 'pd' has no quadratic program"),
         (("--payload", -1), "payload: mass is out of range"),
         (("--friction", -1), "plant: friction is out of range"),
+        (("--friction", "0.8:0.5"), "variation: friction is out of range - got 0.8 to 0.5"),
+        (("--friction", "ice"), "friction is unusable - got 'ice', expected a number, or two as 0.5:0.8"),
+        (("--friction", "0.1:0.2:0.3"), "friction is unusable - got '0.1:0.2:0.3'"),
+        (("--mass-spread", 1.5), "variation: mass is out of range - got 1.5"),
+        (("--noise", -1), "noise is out of range - got -1.0, expected a number ≥ 0"),
+        (("--perturbation", -1), "perturbation is out of range - got -1.0"),
+        (("--settle", -1), "settle is out of range - got -1.0"),
+        (("--speed-error", "nan"), "speed_error is out of range - got nan"),
+        (("--joint", "a=b"), "names are given without a file that has them"),
+        (
+            ("--plant", "a.xml", "--foot", "FL"),
+            "--foot is unusable - got 'FL', expected the robot's name and the file's",
+        ),
+        (("--plant", "a.xml", "--names", "absent.toml"), "names 'absent.toml': cannot be read"),
         (("--plant", "absent.xml"), "absent.xml"),
         (("--plot", "picture.doc"), "unknown kind of picture"),
         (("--video", "film.doc"), "unknown kind of film"),
@@ -161,4 +293,22 @@ def test_bad_settings_of_a_file_are_named(
 def test_a_model_without_a_robot_is_refused(capsys: pytest.CaptureFixture[str], ball_file: Path) -> None:
     code, _, err = run(capsys, ball_file)
     assert code == 2
-    assert "the first model cannot be simulated - got 'ball'" in err
+    assert "the first model cannot be simulated - got 'ball' without a robot, expected a models.WholeBody" in err
+    assert "models of your own run in a program of your own, as examples/own_model_mpc.py does" in err
+
+
+def test_names_of_a_file_are_checked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = tmp_path / "names.toml"
+    for text, message in (
+        ("[legs]\nFL = 'a'", "no table 'legs' is known - got it, expected [joints] and [feet]"),
+        ("[joints]\nFL_hip_joint = 3", "table 'joints': is no mapping of names - got {'FL_hip_joint': 3}"),
+        ("joints", "cannot be read - got"),
+        ("[joints]\nFL_hop_joint = 'a'", "no joint of the robot 'FL_hop_joint'"),
+        ("[feet]\nLF = 'a'", "no foot of the robot 'LF'"),
+    ):
+        path.write_text(text)
+        given = text if "LF" not in text else text + NAMES.read_text().partition("[feet]")[0]
+        path.write_text(given)
+        code, _, err = run(capsys, GO2, "--plant", OTHER, "--names", path)
+        assert code == 2
+        assert message in err

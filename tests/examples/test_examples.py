@@ -221,6 +221,15 @@ def test_the_trot_keeps_its_speed_online(load):
     assert episode.summary()["fallbacks"] == 0
 
 
+def test_the_quadrotor_reaches_its_point_from_every_start(load):
+    assert load("own_model_mpc").main(seeds=20) < 0.05
+
+
+def test_go2_trots_on_its_own_plant_and_on_that_of_another_author(load, capsys):
+    assert load("go2_mpc").main(seconds=4.0) == pytest.approx(0.5, rel=0.2)
+    assert capsys.readouterr().out.count("upright after 4.00 s") == 2
+
+
 def test_a_heavier_robot_needs_more_torque(load):
     assert 1.05 < load("randomised_mass").main(count=12) < 2.0
 

@@ -41,7 +41,7 @@ def joint_ids(model: Any, robot: Robot, joints: Mapping[str, str], where: str) -
         absent = ", ".join(joints.get(name, name) for name in missing)
         raise ModelError(
             f"{where}: joints of robot '{robot.name}' are missing - got {others}, expected {absent}; give "
-            f"joints={{'{missing[0]}': '...', ...}}"
+            f"joints={{'{missing[0]}': '...', ...}}, on the command line --joint {missing[0]}=... or --names"
         )
     ids = np.array([names[name] for name in wanted])
     for i, (name, joint) in enumerate(zip(robot.joint_names, ids, strict=True)):
