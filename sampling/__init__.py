@@ -22,6 +22,7 @@ from .options import Options as Options
 from .reward import Reward as Reward
 from .study import Case as Case
 from .study import FileTask as FileTask
+from .study import Runner as Runner
 from .study import Study as Study
 from .study import StudyFile as StudyFile
 from .study import Trial as Trial

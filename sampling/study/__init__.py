@@ -6,6 +6,7 @@ from .file import read_study as read_study
 from .file import try_controllers as try_controllers
 from .records import load_episodes as load_episodes
 from .records import save_episodes as save_episodes
+from .runner import Runner as Runner
 from .study import Case as Case
 from .study import Study as Study
 from .study import require_pyarrow as require_pyarrow

@@ -7,13 +7,14 @@ import hashlib
 import os
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 
 from .declared import Declared, load_declared
+from .runner import Runner
 from .study import Case, grid
 from .trials import complete, located, options_of, plant_of, prepare
 
@@ -30,6 +31,7 @@ class StudyFile:
         declared: declarations of the problem's file.
         cases: the episodes.
         series: quantities to plot over time, and the limit of each: part of joints' names, or ``height``.
+        runners: controllers that sampling does not know, by name.
     """
 
     path: Path
@@ -37,13 +39,15 @@ class StudyFile:
     declared: Declared
     cases: tuple[Case, ...]
     series: Mapping[str, float]
+    runners: Mapping[str, Runner] = field(default_factory=dict)
 
 
-def read_study(path: Path) -> StudyFile:
+def read_study(path: Path, runners: Mapping[str, Runner] | None = None) -> StudyFile:
     """Return a study, after all checks that do not need to run it.
 
     Args:
         path: the TOML file. The paths in ``file`` and ``value`` are relative to it.
+        runners: controllers that sampling does not know, by name.
 
     Raises:
         FileFormatError: it is not a TOML file, or the file of a value is missing.
@@ -72,9 +76,12 @@ def read_study(path: Path) -> StudyFile:
     declared = load_declared(spec)
     seeds = _seeds(given.get("seeds", 1), where)
     defaults = {name: value for name, value in given.items() if name not in OWN}
-    cases = []
+    cases, others = [], runners or {}
     for combined in grid(blocks, defaults):
         label = str(combined.pop("label", ""))
+        if (runner := others.get(str(combined.get("controller")))) is not None:
+            cases += _brought(runner, declared, combined, label, seeds, where, path.parent)
+            continue
         settings = complete(declared, combined, where, path.parent)
         made_from = {"file": source_digest(declared.path)}
         if settings["value"] is not None:
@@ -87,8 +94,26 @@ def read_study(path: Path) -> StudyFile:
             f"{where}: has no episodes - got an empty list, expected values to combine; correct the list"
         )
     series = _series(given.get("series", {}), where)
-    _try_out(declared, cases, series, where)
-    return StudyFile(path, spec, declared, tuple(cases), series)
+    sampled = [case for case in cases if case.settings["controller"] not in others]
+    if series and not sampled:
+        raise SamplingError(
+            f"{where}: series is unusable - got {given['series']!r} and only controllers whose states are not kept, "
+            "expected a sampling controller, too; remove series"
+        )
+    _try_out(declared, sampled, series, where)
+    return StudyFile(path, spec, declared, tuple(cases), series, others)
+
+
+def _brought(
+    runner: Runner, declared: Declared, given: Mapping[str, Any], label: str, seeds: list[int], where: str, folder: Path
+) -> list[Case]:
+    """Return the cases of a cell whose controller sampling does not know."""
+    own = {name: value for name, value in given.items() if name != "controller"}
+    settings = {"controller": given["controller"], **runner.complete(own, where, folder)}
+    made_from = {"file": source_digest(declared.path)}
+    for name, path in runner.files(settings, folder).items():
+        made_from[name] = content_digest(path)
+    return [Case(label or runner.title, settings, seed, made_from) for seed in seeds]
 
 
 def try_controllers(study: StudyFile) -> None:
@@ -98,6 +123,10 @@ def try_controllers(study: StudyFile) -> None:
         PiaffeError: a controller cannot be made, or its value was learnt for something else.
     """
     for case in {case.cell: case for case in study.cases}.values():
+        runner = study.runners.get(case.settings["controller"])
+        if runner is not None:
+            runner.prepare(study.spec, case.settings, study.path.parent)
+            continue
         prepare(study.declared, located(case.settings, study.path.parent)).close()
 
 

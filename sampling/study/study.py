@@ -44,7 +44,10 @@ class Case:
         return hashlib.sha256(json.dumps(self.settings, sort_keys=True).encode()).hexdigest()[:16]
 
 
-Task = Callable[[Case], tuple[Episode, Mapping[str, Any]]]
+Result = Episode | Mapping[str, Any]
+"""An episode, or only the figures of one that a :class:`Runner` ran, in values that JSON can hold."""
+
+Task = Callable[[Case], tuple[Result, Mapping[str, Any]]]
 """Runs an episode, and returns it and more results in values that JSON can hold. It must be possible to pickle it."""
 
 Heard = Callable[[Case, BaseException | None], None]
@@ -159,21 +162,31 @@ class Study:
         return [self._row(case) for case in self.cases if self.path(case).is_file()]
 
     def episode(self, case: Case) -> Episode:
-        """Return a completed episode."""
+        """Return a completed episode; KeyError if only its figures were kept, see :meth:`kept`."""
         return load_episodes(self.path(case))[0][_ONLY]
 
-    def _save(self, case: Case, episode: Episode, known: Mapping[str, Any]) -> None:
+    def kept(self, case: Case) -> bool:
+        """Return whether there is a completed episode with its states, and not only with its figures."""
+        return self.path(case).is_file() and _ONLY in load_episodes(self.path(case))[0]
+
+    def _save(self, case: Case, result: Result, known: Mapping[str, Any]) -> None:
         about = {
             "label": case.label, "settings": dict(case.settings), "seed": case.seed,
             "made_from": dict(case.made_from), "known": dict(known),
         }  # fmt: skip
-        save_episodes(self.path(case), {_ONLY: episode}, about)
+        if isinstance(result, Episode):
+            save_episodes(self.path(case), {_ONLY: result}, about)
+        else:
+            save_episodes(self.path(case), {}, {**about, "figures": dict(result)})
 
     def _row(self, case: Case) -> dict[str, Any]:
         episodes, about = load_episodes(self.path(case))
         row = {"label": case.label, "cell": case.cell, "seed": case.seed, **case.settings, **about["known"]}
-        figures = episodes[_ONLY].summary()
-        figures["steps_done"] = figures.pop("steps")
+        if _ONLY in episodes:
+            figures = episodes[_ONLY].summary()
+            figures["steps_done"] = figures.pop("steps")
+        else:
+            figures = about["figures"]
         for key, value in figures.items():
             if isinstance(value, dict):
                 row |= {f"{key}.{name}": entry for name, entry in value.items()}

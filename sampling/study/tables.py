@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ def write_tables(folder: Path, rows: Sequence[Row]) -> list[Path]:
     if constraints(rows):
         tables["violation"] = [
             {"method": cell["label"], **{name: text_of(cell.get(name)) for name in settings},
-             **{name: f"{cell[_MISSED + name]:.2f}" for name in constraints(rows)}}
+             **{name: f"{cell[_MISSED + name]:.2f}" for name in constraints(rows) if _MISSED + name in cell}}
             for cell in found
         ]  # fmt: skip
     return [path for name, lines in tables.items() for path in write_table(folder / name, lines)]
@@ -96,18 +96,22 @@ def _settings(row: Row) -> list[str]:
 def _cell(group: Sequence[Row]) -> dict[str, Any]:
     first = group[0]
     missed = {name: float(np.mean([row[_MISSED + name] for row in group])) for name in constraints(group)}
-    rewards = [row["mean_reward"] for row in group]
+    rewards = _known(group, "mean_reward")
     return {
         "label": first["label"], **{name: first[name] for name in _settings(first)},
         "seeds": len(group),
         "success_percent": 100 * float(np.mean([row["success"] for row in group])),
         "falls": sum(row["fell"] for row in group),
-        "mean_reward": float(np.mean(rewards)),
-        "reward_error": float(np.std(rewards, ddof=1) / np.sqrt(len(group))) if len(group) > 1 else 0.0,
-        "missed_percent_worst": max(missed.values(), default=0.0),
-        "speed_error_m_per_s": float(np.mean([row["speed_error_m_per_s"] for row in group])),
-        "plan_ms_median": float(np.median([row["plan_ms_median"] for row in group])),
-        "effective_samples_median": float(np.median([row["effective_samples_median"] for row in group])),
+        "mean_reward": _over(np.mean, rewards),
+        "reward_error": float(np.std(rewards, ddof=1) / np.sqrt(len(group))) if len(rewards) > 1 else 0.0,
+        "missed_percent_worst": max(missed.values(), default=0.0) if rewards else None,
+        "speed_error_m_per_s": _over(np.mean, _known(group, "speed_error_m_per_s")),
+        "speed_error_percent": _over(np.median, [100 * each for each in _known(group, "speed_error")]),
+        "speed_error_percent_worst": _over(np.max, [100 * each for each in _known(group, "speed_error")]),
+        "plan_ms_median": _over(np.median, _known(group, "plan_ms_median")),
+        "tick_us_median": _over(np.median, _known(group, "tick_us_median")),
+        "fallbacks": _over(np.sum, _known(group, "fallbacks")),
+        "effective_samples_median": _over(np.median, _known(group, "effective_samples_median")),
         **{_MISSED + name: value for name, value in missed.items()},
     }  # fmt: skip
 
@@ -117,10 +121,31 @@ def _listed(cell: Row, settings: Sequence[str]) -> dict[str, str]:
         "method": cell["label"], **{name: text_of(cell.get(name)) for name in settings},
         "seeds": str(cell["seeds"]), "success [%]": f"{cell['success_percent']:.0f}",
         "falls": str(cell["falls"]),
-        "mean step reward": f"{cell['mean_reward']:.4f}", "worst violation [%]": f"{cell['missed_percent_worst']:.2f}",
-        "speed error [m/s]": f"{cell['speed_error_m_per_s']:.3f}", "ms per plan": f"{cell['plan_ms_median']:.1f}",
-        "effective samples": f"{cell['effective_samples_median']:.1f}",
+        **{column: form.format(cell[name]) for column, (name, form) in _FIGURES.items() if cell.get(name) is not None},
     }  # fmt: skip
+
+
+_FIGURES = {
+    "mean step reward": ("mean_reward", "{:.4f}"),
+    "worst violation [%]": ("missed_percent_worst", "{:.2f}"),
+    "speed error [m/s]": ("speed_error_m_per_s", "{:.3f}"),
+    "speed error [%]": ("speed_error_percent", "{:.1f}"),
+    "worst [%]": ("speed_error_percent_worst", "{:.1f}"),
+    "ms per plan": ("plan_ms_median", "{:.1f}"),
+    "us per tick": ("tick_us_median", "{:.0f}"),
+    "fallbacks": ("fallbacks", "{:.0f}"),
+    "effective samples": ("effective_samples_median", "{:.1f}"),
+}
+"""Columns of a table, each with the entry of a cell and its form; what no cell has is left out."""
+
+
+def _known(group: Sequence[Row], name: str) -> list[float]:
+    """Return the values of an entry, of the rows that have it."""
+    return [row[name] for row in group if row.get(name) is not None]
+
+
+def _over(figure: Callable[[Any], Any], values: Sequence[float]) -> float | None:
+    return float(figure(values)) if len(values) else None
 
 
 def _over_terrains(found: Sequence[Row]) -> list[dict[str, str]]:
@@ -130,8 +155,9 @@ def _over_terrains(found: Sequence[Row]) -> list[dict[str, str]]:
     for cell in found:
         own = {name: text_of(cell.get(name)) for name in others}
         line = lines.setdefault((cell["label"], *own.values()), {"method": cell["label"], **own})
-        column = f"{cell.get('terrain', '')} H = {cell['horizon']}".strip()
-        line[column] = f"{cell['success_percent']:.0f} / {cell['missed_percent_worst']:.1f}"
+        column = f"{cell.get('terrain', '')} H = {cell['horizon']}".strip() if "horizon" in cell else "all"
+        missed = cell["missed_percent_worst"]
+        line[column] = f"{cell['success_percent']:.0f}" + ("" if missed is None else f" / {missed:.1f}")
     return list(lines.values())
 
 

@@ -7,16 +7,16 @@ import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
 from typing import Any
 
 from piaffe.errors import SamplingError
-from piaffe.simulation import Episode
 
 from .declared import load_declared
-from .study import Case
+from .runner import Runner
+from .study import Case, Result
 from .trials import Trial, located, prepare
 
 DASK = "dask:"
@@ -33,14 +33,19 @@ class FileTask:
         spec: the file, and the problem's name.
         folder: folder that paths in settings are relative to.
         threads: number of threads of roll-outs.
+        runners: controllers that sampling does not know, by name.
     """
 
     spec: str
     folder: str
     threads: int
+    runners: Mapping[str, Runner] = field(default_factory=dict)
 
-    def __call__(self, case: Case) -> tuple[Episode, Mapping[str, Any]]:
-        """Return an episode and the numbers of the controller's settings."""
+    def __call__(self, case: Case) -> tuple[Result, Mapping[str, Any]]:
+        """Return an episode, or its figures, and the numbers of the controller's settings."""
+        runner = self.runners.get(case.settings["controller"])
+        if runner is not None:
+            return runner.run(self.spec, case.settings, case.seed, Path(self.folder))
         trial = self._trial(case)
         controller = trial.controller
         known = {

@@ -156,7 +156,7 @@ def test_success_needs_the_commanded_speed(capsys: pytest.CaptureFixture[str]) -
     expected = abs(stretch["speed_m_per_s"] / stretch["commanded_m_per_s"] - 1)
     assert row["speed_error"] == pytest.approx(expected)
     assert made["median"]["speed_error"] == made["worst"]["speed_error"] == row["speed_error"] > 0.05
-    code, out, err = run(capsys, CASCADE, *about, "--speed-error", 0.9)
+    code, out, err = run(capsys, CASCADE, *about, "--speed-bound", 0.9)
     assert code == 0, err
     assert "success in 1 of 1" in out
     code, out, _ = run(capsys, CASCADE, *about)
@@ -255,7 +255,7 @@ def test_several_seeds_have_a_figure_each(capsys: pytest.CaptureFixture[str], tm
         (("--noise", -1), "noise is out of range - got -1.0, expected a number ≥ 0"),
         (("--perturbation", -1), "perturbation is out of range - got -1.0"),
         (("--settle", -1), "settle is out of range - got -1.0"),
-        (("--speed-error", "nan"), "speed_error is out of range - got nan"),
+        (("--speed-bound", "nan"), "speed_bound is out of range - got nan"),
         (("--joint", "a=b"), "names are given without a file that has them"),
         (
             ("--plant", "a.xml", "--foot", "FL"),

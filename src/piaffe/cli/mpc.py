@@ -67,7 +67,7 @@ def mpc(
     settle: Annotated[
         float, typer.Option(help="Time after each change of the command that does not count for its speed [s].")
     ] = 2.0,
-    speed_error: Annotated[float, typer.Option(help="Largest relative error of the speed of a success.")] = 0.05,
+    speed_bound: Annotated[float, typer.Option(help="Largest relative error of the speed of a success.")] = 0.05,
     plant: Annotated[
         Path | None,
         typer.Option(
@@ -122,7 +122,7 @@ def mpc(
         low=low, qp=qp, seconds=seconds, latency=latency, push=" ".join(push or ()), command=" ".join(command or ()),
         payload=payload, plant=None if plant is None else str(plant), **names_of(names, joint or (), foot or ()),
         spread=spread, mass_spread=mass_spread, friction=None if friction is None else friction_of(friction),
-        perturbation=perturbation, noise=noise, settle=settle, speed_error=speed_error,
+        perturbation=perturbation, noise=noise, settle=settle, speed_bound=speed_bound,
     )  # fmt: skip
     setup = OnlineSetup.of_file(file, settings, quiet=json)
     with Console(stderr=True).status("compiling for this machine, once") as status:

@@ -44,7 +44,7 @@ def online_row(seed: int, episode: OnlineEpisode, settings: OnlineSettings) -> d
     row = episode.summary(settings.settle if whole else 0.0)
     row["stayed_upright"] = row.pop("success")
     row["speed_error"] = max(errors, default=None)
-    row["followed"] = None if not errors else max(errors) <= settings.speed_error
+    row["followed"] = None if not errors else max(errors) <= settings.speed_bound
     row["stretches"] = [
         {"commanded_m_per_s": float(np.hypot(*each.commanded)), "speed_m_per_s": each.speed,
          "commanded_yaw_rate": each.commanded_yaw_rate, "yaw_rate": each.yaw_rate}
@@ -133,7 +133,7 @@ def print_online(console: Console, setup: OnlineSetup, values: Mapping[str, Any]
     good, settings, count = values["successes"] == values["seeds"], setup.settings, values["seeds"]
     judged = sum(row["followed"] is not None for row in rows)
     speed = (
-        f"speed within {100 * settings.speed_error:g} % of the command from {settings.settle:g} s after its changes "
+        f"speed within {100 * settings.speed_bound:g} % of the command from {settings.settle:g} s after its changes "
         f"on: {values['followed']} of {judged}"
         if judged
         else f"no command is constant for long enough to judge the speed {settings.settle:g} s after its change"

@@ -40,7 +40,7 @@ class OnlineSettings:
         perturbation: factor of the perturbations of the first state.
         noise: factor of the sensors' noise.
         settle: time after each change of the command that does not count for the speed [s].
-        speed_error: largest relative error of the speed of a success.
+        speed_bound: largest relative error of the speed of a success.
 
     Raises:
         ModelError: a number is out of range.
@@ -64,7 +64,7 @@ class OnlineSettings:
     perturbation: float | None = None
     noise: float | None = None
     settle: float = 2.0
-    speed_error: float = 0.05
+    speed_bound: float = 0.05
 
     def __post_init__(self) -> None:
         if self.low not in LOWS:
@@ -81,7 +81,7 @@ class OnlineSettings:
                 f"{COMMANDS}: names are given without a file that has them - got joints={dict(self.joints)} and feet="
                 f"{dict(self.feet)}, expected --plant FILE.xml, too; give it"
             )
-        for name in ("settle", "speed_error", "perturbation", "noise"):
+        for name in ("settle", "speed_bound", "perturbation", "noise"):
             value = getattr(self, name)
             if value is not None and not (_is_number(value) and 0 <= value < np.inf):
                 raise ModelError(
@@ -160,6 +160,11 @@ def friction_of(text: str) -> float | tuple[float, float]:
     raise ModelError(
         f"{COMMANDS}: friction is unusable - got '{text}', expected a number, or two as 0.5:0.8 to draw one; change it"
     )
+
+
+def friction_text(friction: float | tuple[float, float] | None) -> float | str | None:
+    """Return a friction as a study's file has it: a number, or a range as a text."""
+    return f"{friction[0]:g}:{friction[1]:g}" if isinstance(friction, tuple) else friction
 
 
 def names_of(file: Path | None, joints: Iterable[str], feet: Iterable[str]) -> dict[str, dict[str, str]]:

@@ -251,9 +251,10 @@ def print_dimensions(console: Console, costs: list[CostReport], constraints: lis
 
 def print_cells(console: Console, lines: Sequence[Mapping[str, str]]) -> None:
     """Print the cells of a study, one per line."""
-    shown = new_table(*(name if name == "method" else plain(f">{name}") for name in lines[0]))
+    names = list(dict.fromkeys(name for line in lines for name in line))
+    shown = new_table(*(name if name == "method" else plain(f">{name}") for name in names))
     for line in lines:
-        shown.add_row(*(plain(cell) for cell in line.values()))
+        shown.add_row(*(plain(line.get(name, "")) for name in names))
     console.print(shown)
 
 

@@ -51,11 +51,13 @@ def study(
     )
     from piaffe.viz import draw_study, progress_bars
 
+    from .study_mpc import MPC, MpcRunner
+
     require_pyarrow()
     if stale not in STALE:
         raise SamplingError(f"--stale: is unknown - got '{stale}', expected one of {list(STALE)}; choose one")
     require_executor(executor)
-    declared = read_study(file)
+    declared = read_study(file, {MPC: MpcRunner()})
     folder = out or file.with_suffix("")
     whole = Study(declared.cases, folder)
     missing = whole.missing(stale)  # type: ignore[arg-type]  # checked above
@@ -72,7 +74,7 @@ def study(
         with executor_of(executor, count, threads) as pool, progress_bars() as progress:
             bar = progress.add_task("episodes", total=len(missing))
             failures = whole.run(
-                FileTask(declared.spec, str(file.parent), threads), pool, stale=stale,  # type: ignore[arg-type]  # checked above
+                FileTask(declared.spec, str(file.parent), threads, declared.runners), pool, stale=stale,  # type: ignore[arg-type]  # checked above
                 heard=lambda case, error: progress.advance(bar),
             )  # fmt: skip
     rows = whole.rows()

@@ -68,7 +68,7 @@ def curves(found: Sequence[Row], axis: str) -> dict[str, list[Row]]:
     return {
         name: sorted(group, key=lambda cell: cell[axis])
         for name, group in groups.items()
-        if len({cell[axis] for cell in group}) > 1
+        if all(axis in cell for cell in group) and len({cell[axis] for cell in group}) > 1
     }
 
 
@@ -124,7 +124,7 @@ def _examples(study: Study) -> list[Case]:
     """Return the first finished episode of each method."""
     first: dict[str, Case] = {}
     for case in study.cases:
-        if study.path(case).is_file():
+        if case.label not in first and study.kept(case):
             first.setdefault(case.label, case)
     return list(first.values())[:_COLUMNS]
 
