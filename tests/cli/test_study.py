@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 from piaffe.cli.app import main
+from piaffe.cli.study_mpc import MpcRunner
 from piaffe.errors import PiaffeError
 from piaffe.sampling.study.file import content_digest, read_study, source_digest
 from piaffe.sampling.study.tables import cells, varied, write_table
@@ -176,6 +177,109 @@ def test_dask_workers_of_several_threads_are_refused(
     ):
         assert main(["study", str(study_file), "--executor", f"dask:{address}"]) == 2
         assert message in " ".join(capsys.readouterr().err.split())
+
+
+# ---- a receding horizon
+
+ONLINE = """
+cone = ocp.Constraints(models.friction_cone(0.6))
+problem = ocp.Problem(models.gaits.trot(0.3), body.over(0.1, dt=0.01), objective, cone, initial=start)
+"""
+
+MIXED = """
+file = "sampled.py"
+seeds = 2
+
+[[grid]]
+controller = "mpc"
+seconds = 0.1
+low = ["vwbc", "pd"]
+
+[[grid]]
+controller = "mppi"
+steps = 2
+samples = 8
+horizon = 3
+"""
+
+
+@pytest.fixture
+def mixed_file(study_file: Path) -> Path:
+    file = study_file.with_name("sampled.py")
+    file.write_text(file.read_text() + ONLINE)
+    study_file.write_text(MIXED)
+    return study_file
+
+
+def test_cells_of_a_receding_horizon_run_beside_sampling_controllers(
+    capsys: pytest.CaptureFixture[str], mixed_file: Path
+) -> None:
+    assert main(["study", str(mixed_file), "--workers", "1", "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert (values["episodes"], values["done"], values["failed"]) == (6, 6, 0)
+    assert [(cell["label"], cell.get("low"), cell["seeds"]) for cell in values["cells"]] == [
+        ("MPC", "vwbc", 2), ("MPC", "pd", 2), ("MPPI", None, 2)
+    ]  # fmt: skip
+    first, _, last = values["cells"]
+    assert first["mean_reward"] is None
+    assert first["missed_percent_worst"] is None
+    assert first["plan_ms_median"] > 0
+    assert first["tick_us_median"] > 0
+    assert last["mean_reward"] > 0
+    assert last["tick_us_median"] is None
+    folder = mixed_file.with_suffix("")
+    with (folder / "cells.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [line["mean step reward"] == "" for line in lines] == [True, True, False]
+    assert (
+        main(["mpc", f"{mixed_file.with_name('sampled.py')}:problem", "--seconds", "0.1", "--seed", "1", "--json"]) == 0
+    )
+    alone = json.loads(capsys.readouterr().out)["episodes"][0]
+    from pyarrow import parquet
+
+    rows = parquet.read_table(folder / "episodes.parquet").to_pylist()
+    row = next(row for row in rows if row["low"] == "vwbc" and row["seed"] == 1)
+    for name in ("success", "fell", "end_s", "rms_velocity_error_m_per_s", "qp_iterations_mean", "iterations_mean"):
+        assert row[name] == alone[name], name
+    assert main(["study", str(mixed_file), "--dry-run"]) == 0
+    assert "6 episodes, 0 of them to run" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("lows = 'pd'", "no setting of 'mpc' 'lows'"),
+        ("samples = 8", "no setting of 'mpc' 'samples'"),
+        ("low = 'lqr'", "no low level 'lqr'"),
+        ("spread = 3", "spread is unusable - got 3, expected a bool"),
+        ("seconds = 'ten'", "seconds is unusable - got 'ten', expected a number"),
+        ("friction = '0.8:0.5'", "variation: friction is out of range"),
+        ("plant = 'absent.xml'", "there is no file of plant - got 'absent.xml', expected a path relative to the study"),
+        ("series = { height = 0.1 }", "series is unusable - got {'height': 0.1} and only controllers whose states"),
+        ("push = '1@y'", "push: text is unusable - got '1@y'"),
+        ("command = 'hop=1'", "no command 'hop'"),
+    ],
+)
+def test_bad_settings_of_a_receding_horizon_are_found_by_a_dry_run(
+    capsys: pytest.CaptureFixture[str], mixed_file: Path, text: str, message: str
+) -> None:
+    mixed_file.write_text(f'file = "sampled.py"\ncontroller = "mpc"\n{text}\n')
+    assert main(["study", str(mixed_file), "--dry-run"]) == 2
+    assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_study_notices_that_the_plants_file_changed(mixed_file: Path) -> None:
+    plant = mixed_file.with_name("plant.xml")
+    plant.write_text("<mujoco/>")
+    mixed_file.write_text('file = "sampled.py"\ncontroller = "mpc"\nplant = "plant.xml"\nfriction = "0.4:0.6"\n')
+    before = read_study(mixed_file, {"mpc": MpcRunner()}).cases[0]
+    assert before.settings["plant"] == "plant.xml"
+    assert before.settings["friction"] == "0.4:0.6"
+    plant.write_text("<mujoco> </mujoco>")
+    after = read_study(mixed_file, {"mpc": MpcRunner()}).cases[0]
+    assert after.cell == before.cell
+    assert after.made_from["file"] == before.made_from["file"]
+    assert after.made_from["plant"] != before.made_from["plant"]
 
 
 # ---- tables and curves

@@ -226,7 +226,7 @@ def test_the_quadrotor_reaches_its_point_from_every_start(load):
 
 
 def test_go2_trots_on_its_own_plant_and_on_that_of_another_author(load, capsys):
-    assert load("go2_mpc").main(seconds=4.0) == pytest.approx(0.5, rel=0.2)
+    assert load("go2_mpc").main(seconds=4.0) == pytest.approx(0.5, rel=0.1)
     assert capsys.readouterr().out.count("upright after 4.00 s") == 2
 
 
