@@ -24,8 +24,8 @@ def swing(s):
     return 1 - s.feet.contact
 
 
-# The weights are those of trot_mpc.py, but for the torques, which are twice as large as Mini Cheetah's: a quarter of its
-# weight. This was chosen on seeds 1000 and 1001 of `piaffe mpc`, on both plants.
+# As in trot_mpc.py, but torques and forces are twice as large as Mini Cheetah's: their weights are smaller. These were
+# chosen by hand on seeds 1000 and 1001 of `piaffe mpc`, on both plants.
 trot = models.gaits.trot(speed=0.5, velocity_gain=0.05)  # [m/s], [s]
 objective = ocp.Objective(
     ocp.track(base.position, weight=(0, 0, 50)),

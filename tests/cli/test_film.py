@@ -217,3 +217,28 @@ def test_only_a_whole_body_is_simulated(playback: Playback) -> None:
         ModelError, match="does not begin with such states - got model 'mini_cheetah' with 13 states, expected 37"
     ):
         simulate(Playback(short))
+
+
+# ---- a receding horizon
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def test_the_film_of_a_receding_horizon_shows_what_stands_on_the_plants_ground(tmp_path: Path) -> None:
+    text, pictures = (EXAMPLES / "other_go2.xml").read_text(), []
+    box = '<geom type="box" pos="0.9 0 0.1" size="0.1 0.5 0.1" rgba="1 0 0 1"/>'
+    for name, found in (("plain", text), ("box", text.replace("<worldbody>", f"<worldbody>{box}"))):
+        (tmp_path / f"{name}.xml").write_text(found)
+        done = command(
+            "mpc", EXAMPLES / "go2_mpc.py", "--seconds", 0.1, "--plant", tmp_path / f"{name}.xml",
+            "--names", EXAMPLES / "other_go2.toml", "--video", tmp_path / f"{name}.png", "--size", "480x270",
+        )  # fmt: skip
+        if done.returncode == 2:
+            assert "libosmesa6" in done.stderr
+            return
+        assert done.returncode == 0, done.stderr
+        pictures.append(imread(tmp_path / f"{name}.png")[..., :3])
+    red = [(picture[..., 0] > 0.4) & (picture[..., 1:].max(axis=-1) < 0.2) for picture in pictures]
+    assert red[0].mean() < 0.001
+    assert red[1].mean() > 0.01

@@ -14,6 +14,7 @@ from piaffe.errors import PiaffeError
 from piaffe.sampling.study.file import content_digest, read_study, source_digest
 from piaffe.sampling.study.tables import cells, varied, write_table
 from piaffe.viz.study_figures import curves
+from piaffe.viz.study_outcomes import outcomes
 
 pytest.importorskip("pyarrow")
 
@@ -317,6 +318,24 @@ def test_curves_join_what_differs_in_one_setting() -> None:
     assert {name: [cell["samples"] for cell in group] for name, group in curves(found, "samples").items()} == {
         "a, H = 8": [64, 512]
     }
+
+
+def test_the_figure_of_outcomes_has_a_bar_for_each_cell() -> None:
+    rows = [
+        {"label": label, "cell": f"{label}{push}", "seed": seed, "controller": "mpc", "low": label, "push": push,
+         "dt_s": 0.01, "success": seed < 3 or not push, "fell": False, "speed_error": 0.01 * (1 + seed)}
+        for label in ("a", "b") for push in ("", "1@3:y") for seed in range(4)
+    ]  # fmt: skip
+    found = cells(rows)
+    assert [cell["speed_error_percent"] for cell in found] == [pytest.approx(2.5)] * 4
+    assert [cell["speed_error_percent_worst"] for cell in found] == [pytest.approx(4.0)] * 4
+    figure = outcomes(found)
+    assert figure is not None
+    success, speed = figure.axes
+    assert sorted(round(bar.get_height()) for bar in success.patches) == [75, 75, 100, 100]
+    assert [round(bar.get_height(), 3) for bar in speed.patches] == [2.5] * 4
+    assert [tick.get_text() for tick in speed.get_xticklabels()] == ["push none", "push 1@3:y"]
+    assert outcomes([row("a", 0)]) is None
 
 
 def test_a_table_is_written_for_people_and_for_programs(tmp_path: Path) -> None:

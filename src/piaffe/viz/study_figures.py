@@ -16,6 +16,7 @@ from piaffe.sampling import Case, Study, StudyFile, cells, text_of, varied
 from piaffe.simulation import Episode
 
 from .figure import save_figure
+from .study_outcomes import outcomes
 from .style import BOUND, RC, colours
 
 if TYPE_CHECKING:
@@ -46,6 +47,8 @@ def draw_study(folder: Path, study: Study, file: StudyFile, rows: Sequence[Row])
         if any(lines.values()):
             name = "sweep" if len(terrains) == 1 else f"sweep-{terrain}"
             saved.append(save_figure(_sweep(lines, str(terrain) if len(terrains) > 1 else ""), folder / f"{name}.png"))
+    if (figure := outcomes(found)) is not None:
+        saved.append(save_figure(figure, folder / "outcomes.png"))
     if file.series:
         shown = _examples(study)
         if shown:
