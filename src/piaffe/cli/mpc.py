@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     from piaffe.simulation import OnlineEpisode
 
-    from .online import OnlineSetup, OnlineTask
+    from .online import OnlineSetup
+    from .online_task import OnlineTask
 
 
 def mpc(
@@ -114,9 +115,11 @@ def mpc(
 
     from piaffe.codegen import available_cores
 
-    from .online import OnlineSetup, OnlineTask
+    from .online import OnlineSetup
+    from .online_names import names_of
     from .online_output import online_row, online_values, print_online
-    from .online_settings import OnlineSettings, friction_of, names_of
+    from .online_settings import OnlineSettings, friction_of
+    from .online_task import OnlineTask
 
     settings = OnlineSettings(
         low=low, qp=qp, seconds=seconds, latency=latency, push=" ".join(push or ()), command=" ".join(command or ()),
@@ -161,7 +164,7 @@ def _episodes(
     """Yield seeds and their episodes, with bars of progress."""
     from piaffe.viz import progress_bars
 
-    from .online import episodes_in_processes
+    from .online_task import episodes_in_processes
 
     count = min(workers, len(seeds))
     with progress_bars() as progress:

@@ -10,9 +10,10 @@ from typing import Any
 
 from piaffe.errors import ProblemError
 
-from .online import OnlineTask
+from .online_names import names_of
 from .online_output import online_row
-from .online_settings import OnlineSettings, friction_text, names_of, settings_of
+from .online_settings import OnlineSettings, friction_text, settings_of
+from .online_task import OnlineTask
 
 MPC = "mpc"
 _OWN = ("joints", "feet")  # in a study's file, `names` is the file that holds both
