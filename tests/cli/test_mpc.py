@@ -97,6 +97,14 @@ def test_other_low_levels(capsys: pytest.CaptureFixture[str], low: str) -> None:
     assert exact(made["episodes"][0]) != exact(values(capsys)["episodes"][0])
 
 
+@pytest.mark.parametrize("low", ["vwbc", "riccati", "pd"])
+def test_gains_of_joints_change_every_low_level(capsys: pytest.CaptureFixture[str], low: str) -> None:
+    plain, made = (values(capsys, "--low", low, *given)["episodes"][0] for given in ((), ("--gains", "5:0.2")))
+    assert exact(made) != exact(plain)
+    if low == "pd":
+        assert exact(values(capsys, "--low", low, "--gains", "20:0.5")["episodes"][0]) == exact(plain)
+
+
 def test_quadratic_programs_of_the_low_level_agree(capsys: pytest.CaptureFixture[str]) -> None:
     own, other = values(capsys)["episodes"][0], values(capsys, "--qp", "numpy")["episodes"][0]
     assert other["speed_m_per_s"] == pytest.approx(own["speed_m_per_s"], abs=1e-3)
@@ -249,6 +257,8 @@ def test_several_seeds_have_a_figure_each(capsys: pytest.CaptureFixture[str], tm
         (("--low", "lqr"), "no low level 'lqr'"),
         (("--qp", "best"), "no quadratic program 'best'"),
         (("--qp", "daqp", "--low", "pd"), "low level 'pd' has no quadratic program"),
+        (("--gains", "3"), "gains are unusable - got '3', expected stiffness and damping"),
+        (("--gains", "3:-1"), "gains are unusable - got '3:-1'"),
         (("--payload", -1), "payload: mass is out of range"),
         (("--friction", -1), "plant: friction is out of range"),
         (("--friction", "0.8:0.5"), "variation: friction is out of range - got 0.8 to 0.5"),
