@@ -97,6 +97,7 @@ def _cell(group: Sequence[Row]) -> dict[str, Any]:
     first = group[0]
     missed = {name: float(np.mean([row[_MISSED + name] for row in group])) for name in constraints(group)}
     rewards = _known(group, "mean_reward")
+    errors = [100 * each for each in _known([row for row in group if not row["fell"]], "speed_error")]
     return {
         "label": first["label"], **{name: first[name] for name in _settings(first)},
         "seeds": len(group),
@@ -106,8 +107,8 @@ def _cell(group: Sequence[Row]) -> dict[str, Any]:
         "reward_error": float(np.std(rewards, ddof=1) / np.sqrt(len(group))) if len(rewards) > 1 else 0.0,
         "missed_percent_worst": max(missed.values(), default=0.0) if rewards else None,
         "speed_error_m_per_s": _over(np.mean, _known(group, "speed_error_m_per_s")),
-        "speed_error_percent": _over(np.median, [100 * each for each in _known(group, "speed_error")]),
-        "speed_error_percent_worst": _over(np.max, [100 * each for each in _known(group, "speed_error")]),
+        "speed_error_percent": _over(np.median, errors),
+        "speed_error_percent_worst": _over(np.max, errors),
         "plan_ms_median": _over(np.median, _known(group, "plan_ms_median")),
         "tick_us_median": _over(np.median, _known(group, "tick_us_median")),
         "fallbacks": _over(np.sum, _known(group, "fallbacks")),

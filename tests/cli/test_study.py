@@ -323,17 +323,18 @@ def test_curves_join_what_differs_in_one_setting() -> None:
 def test_the_figure_of_outcomes_has_a_bar_for_each_cell() -> None:
     rows = [
         {"label": label, "cell": f"{label}{push}", "seed": seed, "controller": "mpc", "low": label, "push": push,
-         "dt_s": 0.01, "success": seed < 3 or not push, "fell": False, "speed_error": 0.01 * (1 + seed)}
+         "dt_s": 0.01, "success": seed < 3 or not push, "fell": seed == 3, "tick_us_median": 20.0,
+         "speed_error": 0.01 * (1 + seed)}
         for label in ("a", "b") for push in ("", "1@3:y") for seed in range(4)
     ]  # fmt: skip
     found = cells(rows)
-    assert [cell["speed_error_percent"] for cell in found] == [pytest.approx(2.5)] * 4
-    assert [cell["speed_error_percent_worst"] for cell in found] == [pytest.approx(4.0)] * 4
+    assert [cell["speed_error_percent"] for cell in found] == [pytest.approx(2.0)] * 4  # a fall does not count
+    assert [cell["speed_error_percent_worst"] for cell in found] == [pytest.approx(3.0)] * 4
     figure = outcomes(found)
     assert figure is not None
     success, speed = figure.axes
     assert sorted(round(bar.get_height()) for bar in success.patches) == [75, 75, 100, 100]
-    assert [round(bar.get_height(), 3) for bar in speed.patches] == [2.5] * 4
+    assert [round(bar.get_height(), 3) for bar in speed.patches] == [2.0] * 4
     assert [tick.get_text() for tick in speed.get_xticklabels()] == ["push none", "push 1@3:y"]
     assert outcomes([row("a", 0)]) is None
 

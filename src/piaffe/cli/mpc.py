@@ -26,6 +26,10 @@ def mpc(
     qp: Annotated[
         str | None, typer.Option(help="Quadratic program of vwbc: own (the default), numpy, daqp or osqp.")
     ] = None,
+    gains: Annotated[
+        str | None,
+        typer.Option(metavar="KP:KD", help="Gains of the joints, added to vwbc and riccati, or those of pd (20:0.5)."),
+    ] = None,
     seconds: Annotated[float, typer.Option(help="Duration of an episode [s].")] = 10.0,
     seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
     seeds: Annotated[int, typer.Option(min=1, help="Number of seeds, from the first one on.")] = 1,
@@ -123,10 +127,11 @@ def mpc(
     from .online_task import OnlineTask
 
     settings = OnlineSettings(
-        low=low, qp=qp, seconds=seconds, latency=latency, push=" ".join(push or ()), command=" ".join(command or ()),
-        payload=payload, plant=None if plant is None else str(plant), **names_of(names, joint or (), foot or ()),
-        spread=spread, mass_spread=mass_spread, friction=None if friction is None else friction_of(friction),
-        perturbation=perturbation, noise=noise, settle=settle, speed_bound=speed_bound,
+        low=low, qp=qp, gains=gains, seconds=seconds, latency=latency, push=" ".join(push or ()),
+        command=" ".join(command or ()), payload=payload, plant=None if plant is None else str(plant),
+        **names_of(names, joint or (), foot or ()), spread=spread, mass_spread=mass_spread,
+        friction=None if friction is None else friction_of(friction), perturbation=perturbation, noise=noise,
+        settle=settle, speed_bound=speed_bound,
     )  # fmt: skip
     setup = OnlineSetup.of_file(file, settings, quiet=json)
     with Console(stderr=True).status("compiling for this machine, once") as status:

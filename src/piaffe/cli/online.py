@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
-from piaffe.models import Fall, Robot, joints
+from piaffe.models import Robot, joints
 from piaffe.models import payload as mass_on_base
 from piaffe.ocp import Problem, compile_problem, is_same_time, load_problem_file
 from piaffe.simulation import (
@@ -22,7 +22,7 @@ from piaffe.simulation import (
     parse_pushes,
     run_online,
 )
-from piaffe.solvers import FeedforwardPD, LowLevel, Plan, RecedingHorizon, Riccati, Vwbc
+from piaffe.solvers import FeedforwardPD, JointPD, LowLevel, Plan, RecedingHorizon, Riccati, Vwbc
 
 from .online_settings import OnlineSettings
 
@@ -123,10 +123,14 @@ class OnlineSetup:
         self._low_level(self.mpc.plan(self.problem.initial, 0.0))
 
     def _low_level(self, plan: Plan) -> LowLevel:
-        low = self.settings.low
+        low, pair = self.settings.low, self.settings.joint_gains
+        gains = None if pair is None else JointPD(*pair)
         if low == "vwbc":
-            return Vwbc(plan, leave_out=_HORIZONTAL, qp=self.settings.qp or "own")  # type: ignore[arg-type]  # checked
-        return Riccati(plan, leave_out=_HORIZONTAL) if low == "riccati" else FeedforwardPD(plan)
+            qp: Any = self.settings.qp or "own"  # checked before
+            return Vwbc(plan, leave_out=_HORIZONTAL, qp=qp, gains=gains)
+        if low == "riccati":
+            return Riccati(plan, leave_out=_HORIZONTAL, gains=gains)
+        return FeedforwardPD(plan) if pair is None else FeedforwardPD(plan, kp=pair[0], kd=pair[1])
 
     @property
     def periods(self) -> int:

@@ -31,7 +31,8 @@ def online_row(seed: int, episode: OnlineEpisode, settings: OnlineSettings) -> d
     """Return the figures of an episode; None stands for what is not known.
 
     A *success* is an episode without a fall, with an upright base at its end (``stayed_upright``), whose speed after
-    the ramp is within the bound for every constant command (``followed``; None if no command lasts long enough).
+    the ramp is within the bound for every constant command (``followed``; None after a fall, or if no command lasts
+    long enough).
 
     Args:
         seed: its seed.
@@ -39,7 +40,7 @@ def online_row(seed: int, episode: OnlineEpisode, settings: OnlineSettings) -> d
         settings: what ran.
     """
     stretches = episode.settled(settings.settle)
-    errors = [each.speed_error for each in stretches if np.isfinite(each.speed_error)]
+    errors = [] if episode.fell else [each.speed_error for each in stretches if np.isfinite(each.speed_error)]
     whole = episode.end >= settings.settle + 0.5  # else the figures of tracking are those of the short episode
     row = episode.summary(settings.settle if whole else 0.0)
     row["stayed_upright"] = row.pop("success")
@@ -136,7 +137,8 @@ def print_online(console: Console, setup: OnlineSetup, values: Mapping[str, Any]
         f"speed within {100 * settings.speed_bound:g} % of the command from {settings.settle:g} s after its changes "
         f"on: {values['followed']} of {judged}"
         if judged
-        else f"no command is constant for long enough to judge the speed {settings.settle:g} s after its change"
+        else f"no episode without a fall is long enough to judge its speed, {settings.settle:g} s after a change of "
+        "the command"
     )
     console.print(
         f"[bold {'green' if good else 'red'}]success in {values['successes']} of {count}[/]"

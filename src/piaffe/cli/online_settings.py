@@ -26,6 +26,7 @@ class OnlineSettings:
     Args:
         low: name of the low level.
         qp: method of its quadratic program; None for its own.
+        gains: of the joints, as ``"3:0.5"`` [Nm/rad], [Nm s/rad]: added to those of vwbc and riccati, or those of pd.
         seconds: duration of an episode [s].
         latency: from a state to the first effect of its plan [s]; None for that of the file.
         push, command: texts, as ``"1.5@2.7:y"`` and ``"vx=0.5@0"``.
@@ -48,6 +49,7 @@ class OnlineSettings:
 
     low: str = "vwbc"
     qp: str | None = None
+    gains: str | None = None
     seconds: float = 10.0
     latency: float | None = None
     push: str = ""
@@ -74,6 +76,7 @@ class OnlineSettings:
                 f"{COMMANDS}: low level '{self.low}' has no quadratic program - got --qp {self.qp}, expected --low "
                 "vwbc; remove --qp"
             )
+        self.joint_gains  # noqa: B018  # refused now
         if (self.joints or self.feet) and self.plant is None:
             raise ModelError(
                 f"{COMMANDS}: names are given without a file that has them - got joints={dict(self.joints)} and feet="
@@ -95,6 +98,22 @@ class OnlineSettings:
             "friction": self.fixed_friction if drawn.friction is None else list(drawn.friction),
             "perturbation": self._factor(self.perturbation), "noise": self._factor(self.noise),
         }  # fmt: skip
+
+    @property
+    def joint_gains(self) -> tuple[float, float] | None:
+        """Stiffness and damping of the joints; None for the low level's own."""
+        if self.gains is None:
+            return None
+        try:
+            kp, kd = (float(part) for part in self.gains.split(":"))
+        except (ValueError, AttributeError):
+            kp = kd = np.nan
+        if not (0 <= kp < np.inf and 0 <= kd < np.inf):
+            raise ModelError(
+                f"{COMMANDS}: gains are unusable - got {self.gains!r}, expected stiffness and damping, two numbers ≥ 0 "
+                "as 3:0.5; change them"
+            )
+        return kp, kd
 
     @property
     def fixed_friction(self) -> float | None:

@@ -125,7 +125,7 @@ def _torques(axes: Sequence[Axes], episode: OnlineEpisode) -> None:
         count = int(np.sum(episode.limited[:, own]))
         if count:
             ax.text(
-                0.01, 0.03, f"red: at a limit, {count} times", transform=ax.transAxes, fontsize=7, color=BOUND,
+                0.01, 0.12, f"red: at a limit, {count} times", transform=ax.transAxes, fontsize=7, color=BOUND,
                 bbox=_WHITE,
             )  # fmt: skip
         _label(ax, title, "Nm")

@@ -1,4 +1,4 @@
-"""The figure of a study's cells that have a speed error in percent: success and speed by setting and method."""
+"""The figure of a study's cells with a receding horizon: success and speed by setting and method."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def outcomes(found: Sequence[Row]) -> Figure | None:
     Args:
         found: the cells.
     """
-    shown = [cell for cell in found if cell.get("speed_error_percent") is not None]
+    shown = [cell for cell in found if cell.get("tick_us_median") is not None]
     if len(shown) < 2:
         return None
     names = varied(shown)
@@ -45,16 +45,18 @@ def outcomes(found: Sequence[Row]) -> Figure | None:
                 success.annotate(
                     f"{value:.0f}", (x, value), xytext=(0, 2), textcoords="offset points", ha="center", fontsize=7
                 )
-            median = [cell["speed_error_percent"] for cell in own]
+            median, worst = (
+                np.array([cell[name] for cell in own], dtype=float)
+                for name in ("speed_error_percent", "speed_error_percent_worst")
+            )
             speed.bar(at, median, 0.92 * width, color=colour)
-            speed.plot(at, [cell["speed_error_percent_worst"] for cell in own], "_", ms=9, mew=1.4, color=colour)
+            speed.plot(at, worst, "_", ms=9, mew=1.4, color=colour)
         success.set_ylim(0, 112)
         success.set_yticks(range(0, 101, 25))
         success.set_ylabel("success [%]")
         success.legend(loc="lower left", bbox_to_anchor=(0, 1.01), borderaxespad=0, ncols=len(labels))
-        speed.set_yscale("symlog", linthresh=10)
         speed.set_ylim(bottom=0)
-        speed.set_ylabel("speed error [%]: median, worst (line)")
+        speed.set_ylabel("speed error without falls [%]:\nmedian, worst (line)")
         speed.set_xticks(range(len(groups)), groups)
         for ax in (success, speed):
             ax.grid(visible=False, axis="x")
