@@ -1,7 +1,7 @@
 """How often a bound survives a push: 12 phases of the cycle, three directions, three low levels on the same plans.
 
-The base's velocity changes by 1.5 or 2.0 m/s within 50 ms [Li2025CafeMpc]. All low levels have the same joint gains, and
-their torques are clipped at the actuators' limits. A bound survives if it has not fallen, and is upright, 3 s later.
+The base's velocity changes by 1.5 or 2.0 m/s within 50 ms [Li2025CafeMpc]. All low levels have the same joint gains,
+and their torques are clipped at the actuators' limits. A bound survives if it has not fallen, and is upright, 3 s later.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ def problem(rotors: bool) -> ocp.Problem:
     from pathlib import Path
 
     spec = spec_from_file_location("bound_mpc", Path(__file__).parents[1] / "examples" / "bound_mpc.py")
-    assert spec is not None and spec.loader is not None  # the file is there
+    assert spec is not None  # the file is there
+    assert spec.loader is not None
     example = module_from_spec(spec)
     spec.loader.exec_module(example)
     if rotors:
@@ -68,4 +69,4 @@ def main(repeats: int = 1, json: bool = False, save: bool = False) -> dict[str, 
 
 
 if __name__ == "__main__":
-    main(**arguments(__doc__))
+    main(**vars(arguments(__doc__, 1).parse_args()))

@@ -219,70 +219,6 @@ def test_names_of_another_authors_file(capsys: pytest.CaptureFixture[str], tmp_p
     assert "foot 'FL': no geom, site or body 'FL or FL_foot'" in err
 
 
-def test_success_needs_the_commanded_speed(capsys: pytest.CaptureFixture[str]) -> None:
-    about = ("--seconds", 1.2, "--settle", 0.5, "--no-spread")  # within the ramp: the robot is slower than its command
-    code, out, err = run(capsys, CASCADE, *about, "--json")
-    assert code == 1, err
-    made = json.loads(out)
-    row = made["episodes"][0]
-    assert (made["successes"], made["stayed_upright"], made["followed"], made["falls"]) == (0, 1, 0, 0)
-    assert (row["success"], row["stayed_upright"], row["upright"], row["followed"]) == (False, True, True, False)
-    (stretch,) = row["stretches"]
-    expected = abs(stretch["speed_m_per_s"] / stretch["commanded_m_per_s"] - 1)
-    assert row["speed_error"] == pytest.approx(expected)
-    assert made["median"]["speed_error"] == made["worst"]["speed_error"] == row["speed_error"] > 0.05
-    code, out, err = run(capsys, CASCADE, *about, "--speed-bound", 0.9)
-    assert code == 0, err
-    assert "success in 1 of 1" in out
-    code, out, _ = run(capsys, CASCADE, *about)
-    assert code == 1
-    assert "upright, wrong speed" in out
-    assert "upright at the end: 1 of 1; speed within 5 % of the command from 0.5 s after its changes on: 0 of 1" in out
-
-
-def test_an_episode_that_is_too_short_is_judged_without_its_speed(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = run(capsys, CASCADE, *SHORT)
-    assert code == 0
-    assert "no command is constant for long enough to judge the speed" in out
-
-
-def test_summary_has_medians_and_worst_cases(capsys: pytest.CaptureFixture[str]) -> None:
-    made = values(capsys, "--seeds", 3, "--workers", 1)
-    found = sorted(row["rms_velocity_error_m_per_s"] for row in made["episodes"])
-    assert made["median"]["rms_velocity_error_m_per_s"] == found[1]
-    assert made["worst"]["rms_velocity_error_m_per_s"] == found[2]
-    assert made["median"]["speed_error"] is None  # no seed is judged
-
-
-# ---- the plant of a file
-
-
-def test_names_of_another_authors_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    text = NAMES.read_text()
-    line = 'FL = "front_left_toe"'
-    assert line in text
-    fewer = tmp_path / "fewer.toml"
-    fewer.write_text(text.replace(line, "").replace('FL_hip_joint = "front_left_abduction"', ""))
-    short = (GO2, *SHORT, "--plant", OTHER, "--json")
-    more = ("--names", fewer, "--joint", "FL_hip_joint=front_left_abduction", "--foot", "FL=front_left_toe")
-    made = []
-    for names in (("--names", NAMES), more):
-        code, out, err = run(capsys, *short, *names)
-        assert code == 0, err
-        made.append(json.loads(out))
-    first, second = made
-    assert exact(first["episodes"][0]) == exact(second["episodes"][0])
-    assert first["settings"]["friction"] is None
-    assert first["settings"]["mass_spread"] == 0
-    code, _, err = run(capsys, *short, "--names", fewer)
-    assert code == 2
-    assert "joints of robot 'go2' are missing - got front_left_abduction, expected FL_hip_joint" in err
-    assert "--joint FL_hip_joint=..." in err
-    code, _, err = run(capsys, *short, *more[:-2])
-    assert code == 2
-    assert "foot 'FL': no geom, site or body 'FL or FL_foot'" in err
-
-
 # ---- pictures
 
 
@@ -389,3 +325,19 @@ def test_names_of_a_file_are_checked(capsys: pytest.CaptureFixture[str], tmp_pat
         code, _, err = run(capsys, GO2, "--plant", OTHER, "--names", path)
         assert code == 2
         assert message in err
+
+
+def test_a_file_says_what_a_fall_is(capsys: pytest.CaptureFixture[str], file: Path) -> None:
+    with file.open("a") as more:
+        more.write("\nfall = models.Fall(tilt=0.0, height=0.0)\n")
+    code, out, _ = run(capsys, file, *SHORT, "--json")
+    assert code == 1
+    assert json.loads(out)["falls"] == 1
+
+
+def test_a_fall_that_is_none_is_named(capsys: pytest.CaptureFixture[str], file: Path) -> None:
+    with file.open("a") as more:
+        more.write("\nfall = 0.5\n")
+    code, _, err = run(capsys, file, *SHORT)
+    assert code == 2
+    assert "name 'fall': is not the definition of a fall - got float, expected models.Fall" in err

@@ -221,6 +221,17 @@ def test_the_trot_keeps_its_speed_online(load):
     assert episode.summary()["fallbacks"] == 0
 
 
+def test_the_bound_goes_on_after_a_push(load):
+    episode = load("bound_mpc").run("1.5@1.2:y", seconds=4.0)
+    assert episode.success
+    assert episode.tracking(3.0, 4.0).velocity[0] == pytest.approx(0.5, rel=0.1)
+
+
+def test_the_robot_rolls_lands_and_paces(load, capsys):
+    assert load("roll_then_pace").main(seeds=1, first=2000) == 1.0
+    assert "upright after 4.00 s" in capsys.readouterr().out
+
+
 def test_the_quadrotor_reaches_its_point_from_every_start(load):
     assert load("own_model_mpc").main(seeds=20) < 0.05
 
