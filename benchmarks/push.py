@@ -1,7 +1,7 @@
 """How often a bound survives a push: 12 phases of the cycle, three directions, three low levels on the same plans.
 
 The base's velocity changes by 1.5 or 2.0 m/s within 50 ms [Li2025CafeMpc]. All low levels have the same joint gains,
-and their torques are clipped at the actuators' limits. A bound survives if it has not fallen, and is upright, 3 s later.
+and their torques are clipped. A bound survives if it has not fallen, and is upright, 3 s later.
 """
 
 from __future__ import annotations

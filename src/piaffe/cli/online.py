@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
-from piaffe.models import Robot, joints
+from piaffe.models import Fall, Robot, joints
 from piaffe.models import payload as mass_on_base
 from piaffe.ocp import Problem, compile_problem, is_same_time, load_problem_file
 from piaffe.simulation import (
