@@ -6,6 +6,7 @@ and their torques are clipped. A bound survives if it has not fallen, and is upr
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from common import arguments, surroundings, tell
@@ -38,35 +39,49 @@ def problem(rotors: bool) -> ocp.Problem:
     )
 
 
-def main(repeats: int = 1, json: bool = False, save: bool = False) -> dict[str, Any]:
+def low_level(name: str, plan: solvers.Plan, contact_of: Any) -> solvers.LowLevel:
+    """Return a low level with the published joint gains, a quarter of them in stance."""
+    kp, kd = 3.0, (1.0, 0.5, 0.5) * 4
+    if name == "FeedforwardPD":
+        return solvers.FeedforwardPD(plan, kp=kp, kd=kd, in_stance=0.25, contact_of=contact_of)
+    gains = solvers.JointPD(kp, kd, in_stance=0.25, contact_of=contact_of)
+    return getattr(solvers, name)(plan, gains=gains, leave_out=LEAVE_OUT)
+
+
+def survived(mpc: solvers.RecedingHorizon, name: str, speed: float, axis: tuple[float, float, float]) -> int:
+    """Return how many of the pushes along an axis, at 12 phases of the cycle, the robot survives."""
+    robot, count = mpc.problem.schedule.segments[0].model.robot, 0
+    for k in range(PHASES):
+        mpc.reset()
+        low = low_level(name, mpc.plan(mpc.initial, 0.0), robot.foot_of_joint)
+        start = round(START + CYCLE * k / PHASES, 3)
+        push = simulation.Push(time=start, velocity=tuple(speed * each for each in axis))
+        plant = simulation.Plant(robot, friction=0.7)
+        count += simulation.run_online(mpc, low, plant, seconds=round(start + AFTER, 2), pushes=[push]).success
+    return count
+
+
+def main(speeds: list[float], json: bool = False, save: bool = False) -> dict[str, Any]:
     """Print and return the number of survived pushes of 12, by rotors, speed, low level and direction."""
-    table: dict[str, Any] = {}
+    rows: list[dict[str, Any]] = []
+    lines = [f"survived pushes of {PHASES}, by direction", f"{'':34s}" + "".join(f"{d:>5s}" for d in DIRECTIONS)]
     for rotors in (True, False):
-        declared = problem(rotors)
-        robot = declared.schedule.segments[0].model.robot
-        mpc = solvers.RecedingHorizon(declared)
-        for speed in (1.5, 2.0):
+        mpc = solvers.RecedingHorizon(problem(rotors))
+        for speed in speeds:
             for name in LOWS:
-                own = table[f"{'rotors' if rotors else 'no rotors'}, {speed} m/s, {name}"] = {}
-                for direction, axis in DIRECTIONS.items():
-                    own[direction] = 0
-                    for k in range(PHASES):
-                        mpc.reset()
-                        plan = mpc.plan(declared.initial, 0.0)
-                        gains = solvers.JointPD(
-                            3.0, (1.0, 0.5, 0.5) * 4, in_stance=0.25, contact_of=robot.foot_of_joint
-                        )
-                        leave_out = {} if name == "FeedforwardPD" else {"leave_out": LEAVE_OUT}
-                        low = getattr(solvers, name)(plan, gains=gains, **leave_out)
-                        start = round(START + CYCLE * k / PHASES, 3)
-                        push = simulation.Push(time=start, velocity=tuple(speed * each for each in axis))
-                        plant = simulation.Plant(robot, friction=0.7)
-                        episode = simulation.run_online(mpc, low, plant, seconds=round(start + AFTER, 2), pushes=[push])
-                        own[direction] += episode.success
-    result = {"phases": PHASES, "survived": table, **surroundings()}
-    tell(result, json, save, __file__)
-    return result
+                found = {way: survived(mpc, name, speed, axis) for way, axis in DIRECTIONS.items()}
+                rows.append({"rotors": rotors, "speed_m_per_s": speed, "low": name, **found})
+                what = f"{'rotors' if rotors else 'no rotors'}, {speed:.1f} m/s, {name}"
+                lines.append(f"{what:34s}" + "".join(f"{count:5d}" for count in found.values()))
+                print(lines[-1], file=sys.stderr, flush=True)
+    results = {"benchmark": "push", "phases": PHASES, "rows": rows, **surroundings()}
+    tell(results, lines, json=json, save=save)
+    return results
 
 
 if __name__ == "__main__":
-    main(**vars(arguments(__doc__, 1).parse_args()))
+    parser = arguments(__doc__ or "", 1)
+    parser.add_argument("--speeds", type=float, nargs="+", default=[1.5, 2.0], help="changes of velocity [m/s]")
+    options = vars(parser.parse_args())
+    options.pop("repeats")  # the episodes are deterministic
+    main(**options)
