@@ -6,8 +6,6 @@ here changes both, and the compiled solver is built anew.
 
 from __future__ import annotations
 
-from piaffe.ocp import SAME_TIME as SAME_TIME
-
 # ---- when a sub-problem is solved
 
 PATIENCE = 8

@@ -10,7 +10,7 @@ from pathlib import Path
 import casadi as cs
 
 from piaffe.codegen import generate, simd
-from piaffe.ocp import LoweredMode, LoweredTransition
+from piaffe.ocp import SAME_TIME, LoweredMode, LoweredTransition
 
 from ... import constants
 from .kernel import MODE_FUNCTIONS, TRANSITION_FUNCTIONS, mode_kernel, transition_kernel
@@ -92,6 +92,7 @@ def program(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTransition
 
 
 def constants_header() -> str:
-    """Return the constants that both backends share, as C."""
-    lines = [f"#define {name} {value!r}" for name, value in constants.table().items()]
+    """Return the constants that both backends share, and from which difference on two times differ, as C."""
+    shared = {**constants.table(), "SAME_TIME": SAME_TIME}
+    lines = [f"#define {name} {value!r}" for name, value in shared.items()]
     return "\n".join(["#ifndef PIAFFE_CONSTANTS_H", "#define PIAFFE_CONSTANTS_H", *lines, "#endif", ""])
