@@ -221,6 +221,10 @@ def test_the_trot_keeps_its_speed_online(load):
     assert episode.summary()["fallbacks"] == 0
 
 
+def test_all_gaits_keep_their_speed_with_one_objective(load):
+    assert load("gaits_mpc").main(seconds=4.0) < 0.05
+
+
 def test_the_bound_goes_on_after_a_push(load):
     episode = load("bound_mpc").run("1.5@1.2:y", seconds=4.0)
     assert episode.success
