@@ -38,10 +38,11 @@ def problems(name):
     found = {key: value for key, value in vars(module).items() if isinstance(value, ocp.Problem)}
     if not found:
         motions = {key: value for key, value in vars(module).items() if isinstance(value, ocp.Motion)}
+        body = module.body
         found = {
             key: ocp.Problem(
-                motion, module.body.until_end(dt=0.01), module.objective, module.limits,
-                initial=module.body.state(joints="stand"),
+                motion, body.until_end(dt=0.01) if np.isfinite(motion.duration) else body.over(0.5, dt=0.01),
+                module.objective, module.limits, initial=body.state(joints="stand"),
             )
             for key, motion in motions.items()
         }  # fmt: skip
