@@ -225,33 +225,24 @@ class Horizon:
 
     def nodes(self, span: Span) -> list[tuple[Place, int]]:
         """Return place and tick of a span's nodes (N+1); the place of the last is that of the phase before it."""
-        step, nodes, place = self.calendar.steps[span.segment], [], span.place
-        for j in range(span.stages + 1):
-            k = span.first + j * step
-            place = self._place_from(place, k, span, last=j == span.stages)
-            nodes.append((place, k))
-        return nodes
+        return self._places(span, 0, span.stages + 1)
 
     def middles(self, span: Span) -> list[tuple[Place, int]]:
         """Return place and tick of what acts during a span's stages (N), see ``Stages``."""
-        if not self.calendar.halves[span.segment]:
-            return self.nodes(span)[:-1]
-        step, nodes, place = self.calendar.steps[span.segment], [], span.place
-        for j in range(span.stages):
-            k = span.first + j * step + self.calendar.halves[span.segment]
-            place = self._place_from(place, k, span, last=False)
-            nodes.append((place, k))
-        return nodes
+        return self._places(span, self.calendar.halves[span.segment], span.stages)
 
-    def _place_from(self, place: Place, k: int, span: Span, *, last: bool) -> Place:
-        """Return the place of tick k, at or after a place."""
-        calendar = self.calendar
-        while not self.layout.cut[span.segment]:
-            end = place.start + calendar.entries[place.entry].length
-            if k < end or (last and k == end):
-                break
-            place = calendar.next(place)
-        return place
+    def _places(self, span: Span, offset: int, count: int) -> list[tuple[Place, int]]:
+        """Return place and tick of so many nodes of a span, each so many ticks later."""
+        calendar, found, place = self.calendar, [], span.place
+        for j in range(count):
+            k = span.first + j * calendar.steps[span.segment] + offset
+            while not self.layout.cut[span.segment]:
+                end = place.start + calendar.entries[place.entry].length
+                if k < end or (j == span.stages and k == end):
+                    break
+                place = calendar.next(place)
+            found.append((place, k))
+        return found
 
     def _phase(self, i: int, spans: Sequence[Span], course: Course) -> CompiledPhase:
         span, calendar, tables = spans[i], self.calendar, self.tables
