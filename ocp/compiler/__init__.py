@@ -11,6 +11,7 @@ from .compiled import CompiledProblem as CompiledProblem
 from .compiled import instance as instance
 from .compiled_phase import CompiledPhase as CompiledPhase
 from .finite import check_numbers as check_numbers
+from .invariants import bound_invariants as bound_invariants
 from .mode import LoweredMode as LoweredMode
 from .mode import Row as Row
 from .nodes import NodeNumbers as NodeNumbers

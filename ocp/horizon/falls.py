@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..compiler.compile import RUNNING, Compilation
 from ..compiler.guess import guess_states
+from ..compiler.invariants import bound_invariants
 from ..compiler.mode import LoweredMode
 from ..compiler.timeline import HorizonPhase
 from ..language import Sample
@@ -64,14 +65,8 @@ class Falls:
 
 def fall_functions(mode: LoweredMode) -> tuple[cs.Function, cs.Function] | None:
     """Return p → flag of the falling point of a mode, and (x, p) → its height, speed and gravity; None without one."""
-    model = mode.model
-    x, u, z = (
-        cs.SX.sym(name, size)
-        for name, size in (("x", model.state.nx), ("u", model.control.nx), ("z", model.implicit_size(mode.key)))
-    )
-    p = cs.SX.sym("p", mode.layout.size)
-    of_model = mode.layout.of_model(p)
-    falls = model.invariants(mode.key, model.dynamics(mode.key, x, u, z, of_model).quantities, of_model).ballistic
+    x, p, invariants = bound_invariants(mode)
+    falls = invariants.ballistic
     if not falls:
         return None
     point = falls[0]

@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiler import CompiledPhase, CompiledProblem, LoweredMode
+from ..compiler import CompiledPhase, CompiledProblem, LoweredMode, bound_invariants
 from ..language import Invariants, Trajectory
 from .violation import Violation, finite
 
@@ -91,14 +91,7 @@ def _jumps(before: CompiledPhase, phase: CompiledPhase) -> bool:
 
 def _functions(mode: LoweredMode) -> tuple[Invariants, cs.Function]:
     """Return the invariants of a mode, and (x, p) → their values as one column each."""
-    model = mode.model
-    x, u, z = (
-        cs.SX.sym(name, size)
-        for name, size in (("x", model.state.nx), ("u", model.control.nx), ("z", model.implicit_size(mode.key)))
-    )
-    p = cs.SX.sym("p", mode.layout.size)
-    of_model = mode.layout.of_model(p)
-    invariants = model.invariants(mode.key, model.dynamics(mode.key, x, u, z, of_model).quantities, of_model)
+    x, p, invariants = bound_invariants(mode)
     rests, falls = invariants.contacts, invariants.ballistic
     groups = [
         [each.flag for each in rests], [each.position for each in rests], [each.height for each in rests],
