@@ -103,7 +103,7 @@ def require_sound(method: Method, staged: Staged) -> None:
     """Raise SamplingError unless plan and memory of a stage are finite, and the weights are not negative with sum 1."""
     weights = np.asarray(staged.weights)
     with np.errstate(invalid="ignore", over="ignore"):
-        sums = [np.sum(staged.plan), *map(np.sum, staged.memory.values())]
+        sums = [np.sum(np.asarray(each)) for each in (staged.plan, *staged.memory.values())]  # JAX would round them
         if all(map(isfinite, sums)) and weights.min() >= 0.0 and abs(weights.sum() - 1.0) < _SUM:
             return  # as a rule; what follows finds out what is wrong
     require_finite(method, "update", "plan", staged.plan)
