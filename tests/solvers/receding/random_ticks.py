@@ -20,6 +20,7 @@ ITERATES = ("states", "controls")
 POLICY = ("feedforward", "feedback", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu")
 COMPILED = ("times", "p", "p_end", "weight", "g_mask", "h_mask", "end_weight", "end_g_mask", "end_h_mask",
             "p_transition", "guess_states", "guess_controls")  # fmt: skip
+BARRIERS = (None, solvers.Adapting(), solvers.Adapting(min_weight=0.005, max_stiffness=1e4, max_defect=1e3))
 PLAIN = ("name", "label", "dt", "ends_phase", "resets", "lands", "mode", "transition")
 
 
@@ -62,7 +63,9 @@ def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | Non
     period = steps * declared.schedule.segments[0].dt
     latency = float(rng.choice([0.0, 0.0, 0.7 * declared.schedule.segments[0].dt, period]))
     try:
-        mpc = solvers.RecedingHorizon(declared, period=period, latency=latency, first_iterations=1, iterations=1)
+        mpc = solvers.RecedingHorizon(
+            declared, period=period, latency=latency, first_iterations=1, iterations=1, barrier=BARRIERS[seed % 3]
+        )
     except PiaffeError as error:
         assert_form(error, seed)
         found.refused += 1
@@ -168,7 +171,8 @@ def _one_sign(values: np.ndarray, phase: ocp.CompiledPhase, name: str) -> np.nda
 def twin_of(mpc: solvers.RecedingHorizon) -> solvers.RecedingHorizon:
     """Return a planner in NumPy with the same horizon."""
     other = copy.copy(mpc)
-    other._native, other._numpy, other._commands = None, NumpyTick(mpc.horizon, mpc.options), {}
+    below = mpc._native.memory.c.adapt_below
+    other._native, other._numpy, other._commands = None, NumpyTick(mpc.horizon, mpc.options, None, below), {}
     return other
 
 
@@ -268,7 +272,23 @@ def compare(got: solvers.Plan, expected: solvers.Plan, *, exact: bool) -> tuple[
                     numbers = max(numbers, difference)
                 elif not exact or names is ITERATES:
                     results = max(results, difference)
+        if not wild or exact:
+            results = max(results, _difference_of_rows(own, other, 1e-9 if exact else 1e-8))
+    assert got.barrier_weight == expected.barrier_weight
     return numbers, results
+
+
+def _difference_of_rows(own: solvers.PlannedPhase, other: solvers.PlannedPhase, tolerance: float) -> float:
+    """Return the largest difference of the numbers of rows, relative to their size; raise if it is too large."""
+    assert own.multipliers.keys() == other.multipliers.keys()
+    most = 0.0
+    for name, a in own.multipliers.items():
+        b = other.multipliers[name]
+        assert a.shape == b.shape, name
+        difference = float(np.abs(a - b).max(initial=0.0)) / (1.0 + float(np.abs(b).max(initial=0.0)))
+        assert difference < tolerance, (own.name, name, difference)
+        most = max(most, difference)
+    return most
 
 
 def make_equal(
@@ -277,6 +297,11 @@ def make_equal(
     """Give the next tick in C the inputs of the one in NumPy; without this, rounding errors grow from tick to tick."""
     for own, other in zip(got.parts, expected.parts, strict=True):
         own.states[:], own.controls[:], own.feedback[:] = other.states, other.controls, other.feedback
+        for name, values in own.multipliers.items():
+            values[:] = other.multipliers[name]
+    outer = twin._numpy.outer
+    if outer is not None:
+        native._native.memory.c.last_equality = outer.last_equality
     course = twin._numpy.course
     if course is not None:
         native._native.memory.memory[: course.memory.size] = course.memory
