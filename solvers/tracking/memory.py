@@ -47,7 +47,7 @@ class Outcome(ct.Structure):
 
     _fields_ = [
         ("status", ct.c_int), ("iterations", ct.c_int), ("damped", ct.c_int), ("mode", ct.c_int),
-        ("num_active", ct.c_int), ("active", ct.c_void_p),
+        ("num_active", ct.c_int), ("excess", ct.c_double), ("active", ct.c_void_p),
     ]  # fmt: skip
 
 

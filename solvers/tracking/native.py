@@ -41,11 +41,12 @@ def _library(modes: tuple[LoweredMode, ...]) -> ct.CDLL:
     made = generate(functions)
     template = files(__package__).joinpath("template")
     texts = {name: template.joinpath(name).read_text(encoding="utf-8") for name in (*_HEADERS, "tick.c")}
-    dual = files("piaffe.solvers.qp").joinpath("template", "dual.c").read_text(encoding="utf-8")
+    qp = files("piaffe.solvers.qp").joinpath("template")
+    programs = {name: qp.joinpath(name).read_text(encoding="utf-8") for name in ("dual.c", "elastic.inc")}
     names = [f"tick{i}_tick" for i in range(len(modes))]
     parts = [_kernel(i, rows, made.work) for i, rows in enumerate(every)]
     unit = texts["tick.c"].replace("TICK_PROTOTYPES", "\n".join(parts)).replace("TICK_FUNCTIONS", ", ".join(names))
-    headers = {**made.headers, **{name: texts[name] for name in _HEADERS}, "dual.c": dual}
+    headers = {**made.headers, **{name: texts[name] for name in _HEADERS}, **programs}
     headers["constants.h"] = constants_header()
     units = [*((each.name, each.text) for each in made.units), ("tick", unit)]
     loaded = load(build(units, headers=headers, flags_per_unit={"tick": SOLVER_FLAGS}, width=1, label="low level"))
@@ -105,7 +106,8 @@ def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
         "NUM_WORK": max(size for name, size in work.items() if name.startswith(f"tick{i}_")),
     }  # fmt: skip
     tables = {
-        "kept_g": rows.g, "kept_h": rows.h, "z_row": pattern.row(), "z_col": pattern.get_col(),
+        "kept_g": rows.g, "kept_h": rows.h, "soft_g": rows.soft.astype(int),
+        "z_row": pattern.row(), "z_col": pattern.get_col(),
         "bound_row": [rows.g.index(row) for row, _ in rows.bounds], "bound_control": [c for _, c in rows.bounds],
     }  # fmt: skip
     lines = [f"#define {name} {value}" for name, value in sizes.items()]

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import SolverError
 from piaffe.ocp import TIME_STEP, LoweredMode
 
-from ..qp import QpMethod, QpStatus, qp_method
+from ..qp import QpMethod, QpStatus, qp_method, solve_elastic
 from .contacts import Contacts
 from .gains import JointPD
 from .low_level import LowLevel
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 Backend = Literal["native", "numpy"]
 
 _STATUSES = tuple(QpStatus)
+_FOUND = QpStatus.SOLVED, QpStatus.RELAXED
 
 
 class Vwbc(LowLevel):
@@ -45,7 +46,10 @@ class Vwbc(LowLevel):
     z is that of a step of length zero, the continuous dynamics at x: the torque acts at once, and a controller repeats
     its tick many times within a step of the plan.
 
-    If the program has no solution, the control is ū + K δx within the bounds of single controls.
+    If no control meets all rows, as when a foot that should stand slips or has not landed, the rows that depend on z
+    give way, all by the same least excess; rows of the control alone always hold. ``relaxed`` counts these ticks.
+    If there is still no solution, the control is ū + K δx within the bounds of single controls; ``fallbacks`` counts
+    these.
     ``statuses`` counts the results; ``last`` is the last tick. One controller serves one thread.
 
     After [Li2025CafeMpc], whose program has accelerations and forces as variables; here they are eliminated.
@@ -126,7 +130,12 @@ class Vwbc(LowLevel):
     @property
     def fallbacks(self) -> int:
         """Number of ticks whose program had no solution."""
-        return sum(count for status, count in self.statuses.items() if status is not QpStatus.SOLVED)
+        return sum(count for status, count in self.statuses.items() if status not in _FOUND)
+
+    @property
+    def relaxed(self) -> int:
+        """Number of ticks in which limits on contact forces gave way, because no control met all of them."""
+        return self.statuses[QpStatus.RELAXED]
 
     @property
     def backend(self) -> Backend:
@@ -216,7 +225,7 @@ class Vwbc(LowLevel):
             self.iterations[told.iterations] += 1
         rows = tick.active[: told.num_active]
         active = tuple(self._row_names[self._modes[told.mode]][i] for i in rows) if len(rows) else ()
-        self.last = VwbcTick(status, told.iterations, active)
+        self.last = VwbcTick(status, told.iterations, active, told.excess)
         return u
 
     @property
@@ -232,7 +241,7 @@ class Vwbc(LowLevel):
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:
         rows = self.rows[at.mode](x, at.u, *self._numbers(at))
         slope = self._gradient * at.Q_u + at.Q_ux @ deviation
-        return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows)
+        return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows, rows.soft)
 
     def _numbers(self, at: PlanStage) -> tuple[Array, Array, Array]:
         p = at.p.copy()
@@ -247,9 +256,9 @@ class Vwbc(LowLevel):
 
     def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
         made = self._program(at, x, deviation)
-        result = self._solve(made.H, made.g, made.A, made.b, made.C, made.d, None)
+        result = solve_elastic(self._solve, made.H, made.g, made.A, made.b, made.C, made.d, made.soft)
         self.statuses[result.status] += 1
         self.iterations[result.iterations] += 1
         active = tuple(self._row_names[at.mode][i] for i in made.rows[result.active])
-        self.last = VwbcTick(result.status, result.iterations, active)
-        return at.u + (result.x if result.status is QpStatus.SOLVED else at.feedback @ deviation)
+        self.last = VwbcTick(result.status, result.iterations, active, result.excess)
+        return at.u + (result.x if result.status in _FOUND else at.feedback @ deviation)

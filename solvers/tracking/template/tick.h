@@ -7,6 +7,7 @@
 
 #include "contacts.h"
 #include "dual.c"
+#include "elastic.inc"
 #include "functions.h"
 #include "plan.h"
 
@@ -28,9 +29,10 @@ struct low_level {
     int num_changed, new_masks, num_contacts, gains;
 };
 
-/* What a tick did; status is -1 if no program was made. active: rows of the mode. */
+/* What a tick did; status is -1 if no program was made. excess: of soft rows. active: rows of the mode. */
 struct outcome {
     int status, iterations, damped, mode, num_active;
+    double excess;
     int *active;
 };
 

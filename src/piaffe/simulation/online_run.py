@@ -31,6 +31,7 @@ from .wall_clock import Deadlines, WallClock
 Array = NDArray[np.float64]
 
 _LOADED = 0.01  # a foot is on the ground if its normal force exceeds this share of the robot's weight
+_COUNTED = ("fallbacks", "relaxed", "damped")  # of a low level
 _VELOCITY = ("speed", "lateral_speed", "yaw_rate")
 
 
@@ -81,7 +82,7 @@ class OnlineRun:
         self._acting, self._made = self._planner is None, np.nan
         self._step, self._control, self._recorded = 0, np.zeros(nu), False
         self._sensed, self._estimate, self._before = -1, x, (x, np.nan)
-        self._counts = {name: getattr(self._low, name, 0) for name in ("fallbacks", "damped")}
+        self._counts = {name: getattr(self._low, name, 0) for name in _COUNTED}
         self._contacts = planned_contacts(self._low) if self._planner is None else None
         if self._planner is not None:
             self._planner.reset()
@@ -249,13 +250,14 @@ class OnlineRun:
         times, each, iterations = (np.array([row[i] for row in made], dtype=float) for i in range(3))
         plans = PlanLog(times, each, iterations, tuple(row[3] for row in made if row[3]))
         tables = ("times", "states", "estimates", "controls", "torques", "forces", "slips", "planned", "ages")
+        counts = {name: getattr(self._low, name, 0) - before for name, before in self._counts.items()}
         return OnlineEpisode(
             robot=self._plant.robot, space=self._plant.space, seconds=seconds,
             **{name: log[name] for name in (*tables, "tick_seconds", "qp_iterations")},
             commands=commands, limited=log["limited"] > 0.5, torque_limit=self._plant.torque_limit, plans=plans,
             collisions=self._collisions, last=last, end=end, fault=self.fault, least_force=self._weight * _LOADED,
-            fallbacks=getattr(self._low, "fallbacks", 0) - self._counts["fallbacks"],
-            damped=getattr(self._low, "damped", 0) - self._counts["damped"], deadlines=self._deadlines(),
+            fallbacks=counts["fallbacks"], relaxed=counts["relaxed"], damped=counts["damped"],
+            deadlines=self._deadlines(),
         )  # fmt: skip
 
     def _deadlines(self) -> Deadlines | None:

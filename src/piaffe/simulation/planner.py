@@ -81,8 +81,9 @@ class LoopLike(Protocol):
 class LowLevelLike(Protocol):
     """A low level, such as those of ``piaffe.solvers``.
 
-    If it has ``last.iterations``, ``fallbacks`` and ``damped``, an episode records them. If ``measures_contacts`` is
-    true, ``control`` gets the feet that are on the ground by their force as a third argument, 1 or 0, (nf,).
+    If it has ``last.iterations``, ``fallbacks``, ``relaxed`` and ``damped``, an episode records them. If
+    ``measures_contacts`` is true, ``control`` gets the feet that are on the ground by their force as a third argument,
+    1 or 0, (nf,).
     """
 
     def control(self, x: Array, t: float) -> Array:
