@@ -13,8 +13,8 @@ from .result import QpResult, QpStatus
 Array = NDArray[np.float64]
 Method = Callable[[Array, Array, Array, Array, Array, Array, NDArray[np.bool_] | None], QpResult]
 
-_WEIGHT = 1e3  # of the excess, in mean diagonal entries of H
-_CURVATURE = 1e-3  # the same of its square; it makes the program strictly convex
+_WEIGHT = 1e2  # w, in mean diagonal entries of H
+_CURVATURE = 1e-3  # c, the same; it makes the program strictly convex
 
 
 def solve_elastic(
@@ -34,7 +34,8 @@ def solve_elastic(
 
         minimise ½ xᵀH x + gᵀx + w s + ½ c s²   subject to   A x = b,   C x + soft s ≥ d,   s ≥ 0
 
-    Its weight w is far above the multipliers of an ordinary program, so s is the least possible.
+    The excess s is the least possible, unless the multipliers of the soft rows, at this excess, would sum to more than
+    its price w, 100 mean diagonal entries of H; then rows give way until they do not.
 
     Args:
         method: of both programs.
