@@ -403,7 +403,7 @@ def test_a_gait_with_another_command_is_a_gait_bound_there(changed):
 
 
 def test_without_a_ramp_a_command_counts_at_once():
-    pair = Pair.random(model_of("mini_cheetah"), "trot", np.random.default_rng(1), ramp=0.0)
+    pair = Pair.random(model_of("mini_cheetah"), "trot", np.random.default_rng(1), ramp=0.0, heading_limit=0.0)
     x = pair.model.state(joints="stand")
     pair.advance(0.0, 0.2, x, pair.phase(0.2), (0.3, 0.0, 0.2, 0.22))
     s = pair.sample(0.2, pair.phase(0.2), 0.2)
