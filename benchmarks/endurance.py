@@ -87,7 +87,7 @@ def main(
     )  # fmt: skip
     reached = [i for i in range(parts) if edges[i] < episode.end - 1.0]
     rows = [part(episode, edges[i], min(edges[i + 1], episode.end), watch.memory[i]) for i in reached]
-    lag = round(60 * degrees(yaw_rate - turning(episode, SETTLE, seconds)), 3) if reached else None
+    lag = round(60 * degrees(yaw_rate - turning(episode, SETTLE, seconds)), 4) if reached else None
     results = {
         "benchmark": "endurance", "gait": gait, "seconds": seconds, "commanded_speed_m_per_s": module.SPEED,
         "commanded_yaw_rate_rad_per_s": yaw_rate, "upright": episode.success, "end_s": episode.end,
@@ -97,7 +97,7 @@ def main(
     state = "upright" if episode.success else episode.fault
     lines = [
         f"{gait}, {seconds:g} s at {module.SPEED} m/s and {yaw_rate} rad/s: {state} after {episode.end:g} s",
-        f"the heading lags behind by {lag} degrees a minute",
+        f"the heading lags behind by {lag} degrees a minute, over all of it",
         f"{'from':>8}{'to [s]':>8}{'m/s':>9}{'rad/s':>10}{'°/min':>9}{'plan ms':>9}{'tick µs':>9}{'MB':>8}"
         f"{'record':>8}",
     ]
