@@ -14,8 +14,8 @@ from piaffe.errors import ProblemError, SolverError
 
 from ..ilqr import STATUS
 from ..solution import Status
+from ..tracking import LowLevel
 from ..tracking import NativeTick as LowTick
-from ..tracking import Vwbc
 from .loop_memory import PLACES, LoopMemory
 from .native_tick import NativeTick
 from .plan import Plan, followed_modes
@@ -64,18 +64,20 @@ class Loop:
         thread: whether plans are made in a thread of their own; else within :meth:`control`, which waits for them.
     """
 
-    def __init__(self, planner: NativeTick | None, low: Vwbc, period: float, latency: float, *, thread: bool) -> None:
-        tick: LowTick | None = getattr(low, "compiled", None)
+    def __init__(
+        self, planner: NativeTick | None, low: LowLevel, period: float, latency: float, *, thread: bool
+    ) -> None:
+        tick: LowTick | None = getattr(low, "compiled", None)  # a low level of the user may have none
         if planner is None or tick is None:
             what, got = ("receding horizon", "numpy") if planner is None else ("low level", type(low).__name__)
             raise SolverError(
-                f"loop: the {what} is not compiled - got {got}, expected RecedingHorizon and Vwbc with "
-                "backend='native' and qp='own'; call plan(x, t), follow(plan) and control(x, t) one by one"
+                f"loop: the {what} is not compiled - got {got}, expected both with backend='native', and "
+                "qp='own' for Vwbc; call plan(x, t), follow(plan) and control(x, t) one by one"
             )
         if tick.modes != followed_modes(planner.horizon):
             raise SolverError(
                 "loop: the low level is for other plans - got one with other modes, expected those of this receding "
-                "horizon; make it with Vwbc(mpc.plan(mpc.initial, 0.0))"
+                f"horizon; make it with {type(low).__name__}(mpc.plan(mpc.initial, 0.0))"
             )
         if thread and latency == 0:
             raise SolverError(
@@ -85,7 +87,7 @@ class Loop:
         self._planner, self._low, self._tick, self._thread = planner, low, tick, thread
         self._memory = LoopMemory(planner, tick, period, latency)
         self._period, self._process = period, 0
-        self._end: weakref.finalize[[LoopMemory, Vwbc, int], Loop] | None = None
+        self._end: weakref.finalize[[LoopMemory, LowLevel, int], Loop] | None = None
 
     # ---- start and stop
 
@@ -158,7 +160,7 @@ class Loop:
             )
 
     def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
-        """Return the low level's control of a state (nx,) measured at time t [s], (nu,); see :class:`Vwbc`.
+        """Return the low level's control of a state (nx,) measured at time t [s], (nu,); see :class:`LowLevel`.
 
         Args:
             x: measured state in the world (nx,).
@@ -245,7 +247,7 @@ def time_goes_back(t: float, last: float) -> ProblemError:
     )
 
 
-def _end(memory: LoopMemory, low: Vwbc, process: int) -> None:
+def _end(memory: LoopMemory, low: LowLevel, process: int) -> None:
     """Stop a loop, and give back what it has."""
     planner, c = memory.planner, memory.c
     forked = process != os.getpid()

@@ -12,7 +12,7 @@ from piaffe.errors import SolverError
 from piaffe.ocp import SAME_TIME, Horizon, Problem
 
 from ..ilqr import Backend, Fixed, Options
-from ..tracking import Vwbc
+from ..tracking import LowLevel
 from .loop import Loop, time_goes_back
 from .memory import RecedingMemory
 from .native_tick import NativeTick
@@ -147,7 +147,7 @@ class RecedingHorizon:
         self._last_start = plan.start
         return plan
 
-    def running(self, low: Vwbc, *, thread: bool = True) -> Loop:
+    def running(self, low: LowLevel, *, thread: bool = True) -> Loop:
         """Return a loop of this receding horizon and a low level, which the caller starts.
 
         ``with mpc.running(low) as loop`` starts and stops it; ``loop.control(x, t)`` is the control.

@@ -26,10 +26,10 @@ def trot():
     return problem(models.gaits.trot(speed=0.4))
 
 
-def robot(latency=PERIOD, declared=None, **options):
+def robot(latency=PERIOD, declared=None, make=solvers.Vwbc, **options):
     """Return a receding horizon and a low level that follows its first plan."""
     mpc = solvers.RecedingHorizon(declared or trot(), first_iterations=3, iterations=1, latency=latency)
-    return mpc, solvers.Vwbc(mpc.plan(mpc.initial, 0.0), **options)
+    return mpc, make(mpc.plan(mpc.initial, 0.0), **options)
 
 
 def mass(seconds=4.0):
@@ -105,12 +105,13 @@ def test_a_loop_does_what_plans_and_ticks_do_that_are_made_by_hand(latency, thre
     np.testing.assert_array_equal(u, expected)
 
 
-def test_measured_contacts_go_through_the_loop():
-    mpc, low = robot(contacts="measured")
+@pytest.mark.parametrize("make", [solvers.Vwbc, solvers.Riccati, solvers.FeedforwardPD])
+def test_every_low_level_runs_in_a_loop_and_measured_contacts_go_through_it(make):
+    mpc, low = robot(make=make, contacts="measured")
     states = measured(mpc, 40)
     flags = np.random.default_rng(2).integers(0, 2, (40, 4)).astype(float)
     expected = by_hand(mpc, low, states, {}, flags)
-    mpc, low = robot(contacts="measured")
+    mpc, low = robot(make=make, contacts="measured")
     with mpc.running(low) as loop:
         np.testing.assert_array_equal(run(loop, states, flags=flags), expected)
         np.testing.assert_array_equal(loop.scheduled, loop.plan.phases[0].p[0, -4:] * 0 + low.contacts(TICK * 39))
@@ -367,7 +368,7 @@ def test_while_a_loop_runs_it_owns_the_receding_horizon():
 def test_what_cannot_run_in_a_loop_is_refused():
     mpc, low = robot(declared=mass())
     plan = low.plan
-    for other in (solvers.Riccati(plan), solvers.Vwbc(plan, backend="numpy")):
+    for other in (solvers.Riccati(plan, backend="numpy"), solvers.Vwbc(plan, qp="numpy")):
         with pytest.raises(SolverError, match="the low level is not compiled - got"):
             mpc.running(other)
     readable = solvers.RecedingHorizon(mass(), latency=PERIOD, backend="numpy")
