@@ -162,9 +162,13 @@ class LowLevel(ABC):
         state, tick = np.asarray(x, dtype=float), self._tick
         if tick is None or state.shape != self._shape:
             return self._readable(state, t, contacts)
+        return self._ticked(tick, state, t, contacts)
+
+    def _ticked(self, tick: NativeTick, x: Array, t: float, contacts: ArrayLike | None) -> Array:
+        """Return :meth:`control` in C."""
         if contacts is not None or self._settings is not None:
             tick.readings[:] = self._readings(contacts)
-        u = tick(state, t)
+        u = tick(x, t)
         self.ticks += 1
         self.damped += tick.outcome.damped
         return u

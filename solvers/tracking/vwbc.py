@@ -164,11 +164,11 @@ class Vwbc(LowLevel):
             ShapeError: the state has another size than the plan's, or there are not nf flags.
             SolverError: contacts are measured and not given, or given and not measured.
         """
-        tick = self._tick
-        if tick is None:
+        state, tick = np.asarray(x, dtype=float), self._tick
+        if tick is None or state.shape != self._shape:
             self.last = VwbcTick(None, 0, ())
             return super().control(x, t, contacts)
-        u, told = super().control(x, t, contacts), tick.outcome
+        u, told = self._ticked(tick, state, t, contacts), tick.outcome
         status = None if told.status < 0 else _STATUSES[told.status]
         if status is not None:
             self.statuses[status] += 1
