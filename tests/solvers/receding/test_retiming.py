@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp, solvers
-from piaffe.errors import SolverError
+from piaffe.errors import ProblemError, SolverError
 from piaffe.simulation import Plant, Push, run_online
 
 from .test_ticks import ahead, assert_same, hop_then, make_equal, problem, quadruped
@@ -140,6 +140,23 @@ def test_the_motion_does_not_go_back():
     plan = mpc.plan(in_flight(0.16, 1.0), 0.16)
     assert plan.shift == pytest.approx(first + 0.02)  # the motion stands still
     assert plan.parts[0].times[-1] == pytest.approx(0.22 + plan.shift)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_a_plan_that_is_refused_leaves_the_clock_as_it_was(backend):
+    mpc = solvers.RecedingHorizon(hop(), backend=backend, retiming=solvers.Retiming(limit=0.2, gain=1.0))
+    calendar, landing = mpc.horizon.calendar, mpc.horizon.calendar.entries[2].start
+    if backend == "native":  # the motion ends where the robot lands, so that a clock which is ahead leaves it
+        clock, mpc._native.memory.tables.c.total = mpc._native.memory.c.clock, landing
+        told = [(lambda name=name: getattr(clock, name)) for name in ("shift", "base", "flight", "late")]
+    else:
+        calendar.total = landing
+        told = [(lambda name=name: getattr(mpc._numpy.clock, name)) for name in ("shift", "_base", "_flight", "_late")]
+    before = [value() for value in told]
+    with pytest.raises(ProblemError, match="time is outside the motion"):
+        mpc.plan(in_flight(0.18, -2.0), 0.18)
+    assert [value() for value in told] == before == [0, 0, -1, 0.0]
+    assert mpc.plan(in_flight(0.18, 0.0), 0.18).start == pytest.approx(0.18)
 
 
 @pytest.mark.parametrize(
