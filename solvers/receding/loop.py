@@ -168,8 +168,8 @@ class Loop:
             contacts: measured contact flags (nf,), if the low level measures contacts.
 
         Raises:
-            ProblemError: the last plan that was asked for would begin outside the motion, or time goes back. The plan
-                before goes on.
+            ProblemError: the last plan that was asked for should act now, and would begin outside the motion; or time
+                goes back. The plan before goes on.
             ShapeError: the state has another size than the plan's, or there are not nf flags.
             SolverError: the loop does not run, or contacts are not given as the low level needs them.
         """
@@ -200,6 +200,11 @@ class Loop:
     def taken(self) -> int:
         """Number of plans that have acted since the start."""
         return int(self._memory.c.taken)
+
+    @property
+    def planning_seconds(self) -> float:
+        """Time of the processor for plans that were made within the last tick [s]; 0 if a thread makes them."""
+        return float(self._memory.c.within)
 
     @property
     def acting(self) -> ActingPlan | None:

@@ -122,7 +122,9 @@ class LowLevel(ABC):
         Raises:
             UnknownNameError: the model at this time has no such slot.
         """
-        return contacts_at(self.plan, t, self.contact_slot)
+        if self._tick is None or self._num_contacts == 0:
+            return contacts_at(self.plan, t, self.contact_slot)
+        return self._tick.contacts(t)  # of the plan that acts, also while a loop makes the plans
 
     def follow(self, plan: StagedPlan) -> None:
         """Follow another plan with the same modes from now on; nothing is compiled, and no array is copied.

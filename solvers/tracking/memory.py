@@ -168,6 +168,12 @@ class NativeTick:
         self._call(self._first, state, t, control, outcome)
         return self._u.copy()
 
+    def contacts(self, t: float) -> Array:
+        """Return the flags of the plan that is followed at a time [s], (nf,)."""
+        flags = np.zeros(self._low.num_contacts)
+        self._library.piaffe_scheduled(self.address, t, flags.ctypes.data)
+        return flags
+
     def tick_through(self, function: Any, address: int, owner: object) -> None:
         """Let other C call the tick.
 

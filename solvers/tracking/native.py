@@ -50,8 +50,9 @@ def _library(modes: tuple[LoweredMode, ...]) -> ct.CDLL:
     headers["constants.h"] = constants_header()
     units = [*((each.name, each.text) for each in made.units), ("tick", unit)]
     loaded = load(build(units, headers=headers, flags_per_unit={"tick": SOLVER_FLAGS}, width=1, label="low level"))
-    loaded.piaffe_tick.restype = None
+    loaded.piaffe_tick.restype = loaded.piaffe_scheduled.restype = None
     loaded.piaffe_tick.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p, ct.c_void_p)
+    loaded.piaffe_scheduled.argtypes = (ct.c_void_p, ct.c_double, ct.c_void_p)
     return loaded
 
 

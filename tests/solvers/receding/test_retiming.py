@@ -172,9 +172,7 @@ def test_a_hop_that_is_pushed_up_lands_later_in_a_simulation():
     body, _ = quadruped()
     mpc = solvers.RecedingHorizon(declared, retiming=solvers.Retiming(gain=1.0))
     low = solvers.Vwbc(mpc.plan(declared.initial, 0.0), leave_out=("base.position x", "base.position y"))
-    plans, plan = [], mpc.plan
-    mpc.plan = lambda x, t: plans.append(plan(x, t)) or plans[-1]
     push = Push(time=0.13, velocity=(0.0, 0.0, 0.3), duration=0.01, frame="world")
     episode = run_online(mpc, low, Plant(body.robot, friction=0.7), seconds=0.6, pushes=[push])
     assert episode.success
-    assert plans[-1].shift > 0.02
+    assert low.plan.shift > 0.02
