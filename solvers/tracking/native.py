@@ -13,6 +13,7 @@ from piaffe.codegen import SOLVER_FLAGS, NoCompilerError, build, generate, load
 from piaffe.ocp import LoweredMode, moved_symbols
 
 from ..ilqr import constants_header
+from .components import driven, rates
 from .rows import ControlRows
 
 _TABLE = "static const int __attribute__((unused))"
@@ -50,8 +51,9 @@ def _library(modes: tuple[LoweredMode, ...]) -> ct.CDLL:
     headers["constants.h"] = constants_header()
     units = [*((each.name, each.text) for each in made.units), ("tick", unit)]
     loaded = load(build(units, headers=headers, flags_per_unit={"tick": SOLVER_FLAGS}, width=1, label="low level"))
-    loaded.piaffe_tick.restype = None
+    loaded.piaffe_tick.restype = loaded.piaffe_scheduled.restype = None
     loaded.piaffe_tick.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p, ct.c_void_p)
+    loaded.piaffe_scheduled.argtypes = (ct.c_void_p, ct.c_double, ct.c_void_p)
     return loaded
 
 
@@ -93,11 +95,10 @@ def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
     mode, nu = rows.mode, rows.mode.nu
     pattern = cs.sparsify(cs.vertcat(rows.by_g, rows.by_h)[:, nu:]).sparsity()
     speeds, position, velocity = -1, 0, 0
-    labels = tuple(label for block in mode.model.control.blocks for label in block.labels)
-    for block in mode.state.blocks:
-        if block.rate_of is not None and block.labels == labels:
-            speeds, slices = mode.state.slices[block.quantity].start, mode.state.tangent_slices
-            position, velocity = slices[block.rate_of].start, slices[block.quantity].start
+    block = rates(mode)
+    if block is not None:
+        speeds, (at, by) = mode.state.slices[block.quantity].start, driven(mode)
+        position, velocity = at.start, by.start
     sizes = {
         "NX": mode.state.nx, "NDX": mode.state.ndx, "NU": nu, "NZ": mode.nz, "NP": mode.layout.size,
         "NG": len(mode.rows["stage_g"]), "NH": len(mode.rows["stage_h"]), "KEPT_G": len(rows.g), "KEPT_H": len(rows.h),

@@ -106,16 +106,16 @@ class OnlineRun:
             self._commands = self._commands[len(due) :]
             for command in due:
                 self._asked.update({name: value for name, value in command.values.items() if name in _VELOCITY})
-        if self._loop is not None:
-            self._note(self.planning.take())  # the first one, which the loop has made at once
+        if self._loop is not None and self.clock is not None:
+            self._note(self.planning.take())  # the first one, which was made before the clock starts
         return x
 
     def plan(self, x: Array, t: float) -> None:
-        """Follow the plan that was asked for, if it is ready."""
-        made = None if self.planning is None or self._loop is not None else self.planning.take()
+        """Follow the plan that was asked for, if it is ready; a loop does so itself, from the first one on."""
+        made = None if self.planning is None or (self._loop is not None and self._acting) else self.planning.take()
         if made is not None:
-            self._low.follow(made.plan)
-            self._contacts = planned_contacts(self._low, made.plan)
+            if self._loop is None:
+                self._low.follow(made.plan)
             self._note(made)
 
     def _note(self, made: MadePlan | None) -> None:
@@ -123,6 +123,7 @@ class OnlineRun:
         if made is None:
             return
         self._acting, self._made = True, made.time
+        self._contacts = planned_contacts(self._low, None if self._loop is not None else made.plan)
         status, iterations = getattr(made.plan, "status", ""), getattr(made.plan, "iterations", np.nan)
         self._plans.append((made.time, made.seconds, float(iterations), str(getattr(status, "name", status))))
 
@@ -130,7 +131,6 @@ class OnlineRun:
         """Let a loop, which runs, make plans and ticks."""
         assert self._planner is not None  # it has made the loop
         self._loop, self.planning = loop, PlanningInLoop(self._planner, loop)
-        self._contacts = lambda t: loop.scheduled
 
     def control(self, t: float, due: bool) -> Array:
         """Return the torques of a step, (nu,)."""
@@ -159,6 +159,7 @@ class OnlineRun:
             control = act(measured, t, *flags)
             seconds = thread_time() - begin
             if self._loop is not None and self.planning is not None:
+                seconds -= self._loop.planning_seconds
                 self._note(self.planning.take())
         else:
             control = self.hold(x, t)

@@ -133,5 +133,5 @@ def test_without_a_compiler_the_tick_is_in_numpy(monkeypatch):
 
 def test_an_unknown_backend_is_named():
     _, compiled, x, u = standing()
-    with pytest.raises(SolverError, match="vwbc: backend is unknown - got 'c', expected 'native' or 'numpy'"):
+    with pytest.raises(SolverError, match="Vwbc: backend is unknown - got 'c', expected 'native' or 'numpy'"):
         Vwbc(OneStage(compiled, x, u), backend="c")
