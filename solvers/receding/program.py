@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes as ct
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
-from piaffe.codegen import SOLVER_FLAGS, build, generate, load
+from piaffe.codegen import SOLVER_FLAGS, LoadedLibrary, build, generate, load
 
 from ..ilqr import TEMPLATES, constants_header
 from ..tracking import PLAN_HEADER
@@ -26,7 +25,7 @@ _FILES = (
 
 
 @lru_cache(maxsize=8)
-def receding_library(functions: tuple[tuple[str, Any], ...], width: int) -> tuple[ct.CDLL, Mapping[str, int]]:
+def receding_library(functions: tuple[tuple[str, Any], ...], width: int) -> tuple[LoadedLibrary, Mapping[str, int]]:
     """Return the library, and the size of the work array of each function.
 
     Args:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.codegen import LoadedLibrary
 from piaffe.ocp import ORIGIN, LoweredMode
 
 from .contacts import MeasuredContacts
@@ -68,7 +69,7 @@ class NativeTick:
 
     def __init__(
         self,
-        library: ct.CDLL,
+        library: LoadedLibrary,
         modes: Sequence[LoweredMode],
         kept: Mapping[LoweredMode, Array],
         *,
@@ -167,6 +168,16 @@ class NativeTick:
     def tick_by_itself(self) -> None:
         """Call the tick directly."""
         self._call, self._first, self._owner = self._library.piaffe_tick, self.address, None
+
+    @property
+    def library(self) -> LoadedLibrary:
+        """The compiled tick."""
+        return self._library
+
+    @property
+    def c(self) -> ct.Structure:
+        """``struct low_level``."""
+        return self._low
 
     @property
     def modes(self) -> tuple[LoweredMode, ...]:

@@ -9,7 +9,7 @@ from importlib.resources import files
 
 import casadi as cs
 
-from piaffe.codegen import SOLVER_FLAGS, NoCompilerError, build, generate, load
+from piaffe.codegen import SOLVER_FLAGS, LoadedLibrary, NoCompilerError, build, generate, load
 from piaffe.ocp import LoweredMode, moved_symbols
 
 from ..ilqr import constants_header
@@ -19,7 +19,7 @@ _TABLE = "static const int __attribute__((unused))"
 _HEADERS = ("plan.h", "contacts.h", "tick.h", "mode.inc")
 
 
-def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, ControlRows]) -> ct.CDLL | None:
+def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, ControlRows]) -> LoadedLibrary | None:
     """Return the compiled tick of some modes; None if no compiler works.
 
     It is also None if ∂r/∂u depends on z in one.
@@ -33,7 +33,7 @@ def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, Contro
 
 
 @lru_cache(maxsize=16)
-def _library(modes: tuple[LoweredMode, ...]) -> ct.CDLL:
+def _library(modes: tuple[LoweredMode, ...]) -> LoadedLibrary:
     functions: dict[str, cs.Function] = {}
     every = [ControlRows(mode) for mode in modes]
     for i, rows in enumerate(every):

@@ -2,12 +2,7 @@
 #ifndef PIAFFE_TICK_H
 #define PIAFFE_TICK_H
 
-#include <math.h>
-#include <string.h>
-
 #include "contacts.h"
-#include "dual.c"
-#include "functions.h"
 #include "plan.h"
 
 struct own_mode { /* what the low level has of a mode */
