@@ -2,4 +2,3 @@
 
 from .export import Exported as Exported
 from .export import export_controller as export_controller
-from .record import Recorder as Recorder

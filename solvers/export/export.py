@@ -18,9 +18,11 @@ from piaffe.ocp import Problem
 from ..ilqr import constants_header
 from ..receding import HEADER, PART, Plan, RecedingHorizon
 from ..tracking import LowLevel
+from . import interface
 from .build_files import build_files
 from .layout import Layout, layout_of
 from .memory import HANDOVER, ControllerMemory
+from .record import Recorder
 
 _TEMPLATES = ("controller.h", "private.h", "controller.c", "check.c", "controller.py.in")
 _OWN = ("piaffe_fill", "piaffe_arena_bytes")
@@ -34,8 +36,9 @@ class Exported:
         folder: where it is.
         name: its name in C.
         layout: sizes and orders.
-        mpc: the planner that was exported; it has made no plan since.
-        low: the low level.
+        mpc: a planner in Python that makes the same plans.
+        low: the low level in Python.
+        plan_numbers: numbers of a plan in C.
     """
 
     folder: Path
@@ -43,6 +46,11 @@ class Exported:
     layout: Layout
     mpc: RecedingHorizon
     low: LowLevel
+    plan_numbers: int
+
+    def recorder(self) -> Recorder:
+        """Return planner and low level in Python, which record what they do for ``examples/main.c``."""
+        return Recorder(self.mpc, self.low, self.plan_numbers)
 
 
 def export_controller(
@@ -62,7 +70,8 @@ def export_controller(
         name: of the controller in C: prefix of all names.
         options: arguments of :class:`RecedingHorizon`.
         low: makes the low level from a plan.
-        max_age: age of a state until which its plan acts [s]; by default the duration of the first model's part.
+        max_age: age of a state until which its plan acts [s]; by default the duration of the first model's part,
+            0.25 s at most.
 
     Raises:
         SolverError: planner or low level are not compiled, or the folder cannot be written.
@@ -82,16 +91,19 @@ def export_controller(
     window = untouched.horizon.layout.windows[0]
     reach = np.inf if window is None else window * untouched.horizon.calendar.tick
     values = {
-        "CONSTANTS": _constants(layout), "COMMAND": _commands(layout), "COMMAND_CODE": _command_code(layout),
+        "CONSTANTS": interface.constants(layout, max(mpc.iterations, mpc.first_iterations)),
+        "COMMAND": interface.commands(layout), "COMMAND_CODE": interface.command_code(layout),
         "NUM_ENTRIES": memory.planner.plan_entries, "NUM_NUMBERS": memory.planner.plan_numbers,
         "NUM_PHASES": (memory.planner.plan_entries - HEADER) // PART,
         "NUM_COMMANDS": len(memory.planner.tables.commands),
         "PERIOD": repr(mpc.period), "LATENCY": repr(mpc.latency),
-        "LOWER": _numbers(layout.lower), "UPPER": _numbers(layout.upper),
-        "DECLARED": _numbers(memory.planner.tables.commanded({})) or "0", "DAMPING": repr(float(made.damping)),
+        "LOWER": interface.numbers(layout.lower), "UPPER": interface.numbers(layout.upper),
+        "DECLARED": interface.numbers(memory.planner.tables.commanded({})) or "0", "DAMPING": repr(float(made.damping)),
         "NX": len(layout.state), "NU": len(layout.control),
         "COMMANDS": ", ".join(f'"{each}": {1 << i}' for i, each in enumerate(layout.commands)),
-        "MAX_AGE": _numbers([min(reach, 0.25) if max_age is None else max_age]),
+        **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
+        "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
+        "MAX_AGE": interface.numbers([min(reach, 0.25) if max_age is None else max_age]),
     }  # fmt: skip
     own = {path: _filled(path, values, name) for path in _TEMPLATES}
     parts = [Part("solver", memory.solver), Part("horizon", memory.horizon), Part("tick", memory.tick, wide=False)]
@@ -110,7 +122,7 @@ def export_controller(
     written[f"python/{name}.py"] = own["controller.py.in"]
     written |= build_files(name, project.flags_of_units())
     write_files(folder, written)
-    return Exported(folder, name, layout, untouched, made)
+    return Exported(folder, name, layout, mpc, made, memory.planner.plan_numbers)
 
 
 def _filled(path: str, values: Mapping[str, object], name: str) -> str:
@@ -121,46 +133,3 @@ def _filled(path: str, values: Mapping[str, object], name: str) -> str:
     text = re.sub(r"\bNAME_(?=[A-Z])", f"{name.upper()}_", text)
     text = re.sub(r"\bNAME_H\b", f"{name.upper()}_H", text)
     return re.sub(r"(?<![A-Z_])NAME(?![A-Z])", name, text)
-
-
-def _numbers(values: Any) -> str:
-    """Return numbers as C."""
-    texts = {np.inf: "INFINITY", -np.inf: "-INFINITY"}
-    return ", ".join(texts.get(float(each), repr(float(each))) for each in values)
-
-
-def _constants(layout: Layout) -> str:
-    lines = [
-        f"NAME_NX = {len(layout.state)}, /* state */", f"NAME_NU = {len(layout.control)}, /* torques */",
-        f"NAME_JOINT_VELOCITY = {layout.speeds} /* place of the joints' speeds in the state */",
-    ]  # fmt: skip
-    return "enum {\n" + "".join(f"    {line}\n" for line in lines) + "};"
-
-
-def _commands(layout: Layout) -> str:
-    names = list(layout.commands)
-    bits = ", ".join(f"NAME_{name.upper()} = {1 << i}" for i, name in enumerate(names))
-    fields = "".join(f"    double {name};\n" for name in names)
-    enum = f"enum {{ {bits} }};\n" if names else ""
-    told = f"typedef struct {{\n    unsigned set;\n{fields}}} NAME_commands;"
-    return f"/* Commands. Those whose bit is in `set` change. */\n{enum}{told}"
-
-
-def _command_code(layout: Layout) -> str:
-    lines = []
-    for name in layout.commands:
-        places = "".join(f" wanted[{at}] = commands->{name};" for at in layout.places[name])
-        lines.append(
-            f"    if (commands->set & NAME_{name.upper()}) {{\n"
-            f"        if (!isfinite(commands->{name})) return NAME_BAD_COMMAND;\n       {places}\n    }}\n"
-        )
-    return (
-        "int NAME_command(NAME *c, const NAME_commands *commands)\n{\n"
-        "    if (!c || !commands) return NAME_BAD_ARGUMENT;\n"
-        f"    if (commands->set & ~{(1 << len(layout.commands)) - 1}u) return NAME_BAD_COMMAND;\n"
-        "    double wanted[NUM_COMMANDS + 1];\n    memcpy(wanted, c->wanted, sizeof wanted);\n"
-        f"{''.join(lines)}"
-        "    memcpy(c->wanted, wanted, sizeof wanted);\n"
-        "    memcpy(c->told[c->commands.back], wanted, sizeof wanted);\n    hand_over(&c->commands);\n"
-        "    return NAME_OK;\n}"
-    )

@@ -23,7 +23,9 @@ class Layout:
     Args:
         state: name and unit of each entry of a state.
         control: names of the controls.
-        speeds: place of the controls' speeds in the state; -1 if it has none.
+        positions: place of the joints' angles in the state.
+        speeds: place of the joints' speeds in the state.
+        recorded: per quantity that the model records, its path, unit and size.
         lower: of the controls.
         upper: of the controls.
         commands: names of the commands, and their declared values.
@@ -32,7 +34,9 @@ class Layout:
 
     state: tuple[tuple[str, str], ...]
     control: tuple[str, ...]
+    positions: int
     speeds: int
+    recorded: tuple[tuple[str, str, int], ...]
     lower: Array
     upper: Array
     commands: dict[str, float]
@@ -58,15 +62,17 @@ def layout_of(mpc: RecedingHorizon, low: LowLevel, plan: Plan) -> Layout:
         for label in (("w", *block.labels) if block.quantity.kind == "rotation" else block.labels)
     )
     labels = tuple(label for block in mode.model.control.blocks for label in block.labels)
-    speeds = -1
+    positions = speeds = -1
     for block in mode.state.blocks:
         if block.rate_of is not None and block.labels == labels:
             speeds = mode.state.slices[block.quantity].start
+            positions = mode.state.slices[block.rate_of].start
     if speeds < 0:
         raise SolverError(
             f"export: there are no speeds to damp - got model '{mode.model.name}', whose state has no speeds of its "
             "controls, expected joints; export a problem whose first model has joints"
         )
+    recorded = tuple((quantity.path, quantity.unit, size) for quantity, size in mode.outputs)
     lower, upper = low.rows[mode].limits(phase.states[0], phase.p[0], phase.g_mask[0])
     places: dict[str, list[int]] = {}
     at = 0
@@ -75,6 +81,6 @@ def layout_of(mpc: RecedingHorizon, low: LowLevel, plan: Plan) -> Layout:
             places.setdefault(name, []).append(at)
             at += 1
     return Layout(
-        state, labels, speeds, lower, upper, dict(mpc.horizon.commands),
+        state, labels, positions, speeds, recorded, lower, upper, dict(mpc.horizon.commands),
         {name: tuple(own) for name, own in places.items()},
     )  # fmt: skip

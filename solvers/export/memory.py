@@ -8,7 +8,7 @@ from typing import Any
 
 from piaffe.codegen import LoadedLibrary, MemoryImage, defined_symbols
 
-from ..receding import NativeTick
+from ..receding import Keeper, NativeTick
 from ..tracking import NativeTick as LowTick
 
 HANDOVER = files("piaffe.solvers.receding").joinpath("template", "handover.h").read_text(encoding="utf-8")
@@ -24,6 +24,7 @@ class ControllerMemory:
 
     def __init__(self, planner: NativeTick, low: LowTick) -> None:
         self.planner, self.low = planner.memory, low
+        self.planner.be_lean()
         tables = self.planner.tables
         self.solver, self.horizon, self.tick = tables.solver.loaded, tables.library, low.library
         symbols, kinds = _symbols(self.solver, self.horizon)
@@ -34,7 +35,13 @@ class ControllerMemory:
         self.image.know(tables, constant=True, vectors=tables.vectors)
         self.image.know(self.planner, vectors=self.planner.vectors)
         self.image.know(low)
-        roots: dict[str, Any] = {"receding": self.planner.c, "low": low.c, "outcome": low.outcome}
+        outcome = _Outcome(low)
+        self.image.know(outcome)
+        roots: dict[str, Any] = {"receding": self.planner.c, "low": low.c, "outcome": outcome.c}
+        self.measured = len(low.readings) if low.c.contacts else 0
+        """Number of measured contact flags."""
+        if self.measured:
+            roots["readings"] = low.readings
         if len(tables.commands):
             roots["commands"] = tables.commands
         self.image.use(**roots)
@@ -60,6 +67,17 @@ class ControllerMemory:
                 text = text.replace(f"@{key}@", value)
             found[name] = text
         return found
+
+
+class _Outcome(Keeper):
+    """The memory of what a tick tells, with all that it can tell."""
+
+    def __init__(self, low: LowTick) -> None:
+        super().__init__()
+        self.c = type(low.outcome)(
+        active=self.ints([0] * len(low.active)), nominal=self.zeros(low.modes[0].state.nx),
+            recorded=self.zeros(max(sum(size for _, size in each.outputs) for each in low.modes)),
+        )  # fmt: skip
 
 
 class _Holder:

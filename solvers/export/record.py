@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
 from math import ceil
 
 import numpy as np
@@ -17,7 +16,7 @@ Array = NDArray[np.float64]
 MAGIC = b"PIAFFE-1"
 PLAN, TICK, END = 1, 2, 0
 _MEASURED, _SHIFT = 11, 14  # figures that are times of the machine lie between them
-_SEGMENT, _MODE, _STAGES, _AT = 0, 3, 4, 9  # of a part's header
+_SEGMENT, _MODE, _STAGES, _LINK, _AT = 0, 3, 4, 6, 9  # of a part's header
 
 
 class Recorder:
@@ -26,11 +25,12 @@ class Recorder:
     Args:
         mpc: the planner.
         low: the low level.
+        plan_numbers: size of a plan of the exported controller.
     """
 
-    def __init__(self, mpc: RecedingHorizon, low: LowLevel) -> None:
+    def __init__(self, mpc: RecedingHorizon, low: LowLevel, plan_numbers: int) -> None:
         assert mpc.compiled is not None  # it has been exported
-        self._mpc, self._low = mpc, low
+        self._mpc, self._low, self._plan_numbers = mpc, low, plan_numbers
         self._stages = ceil((mpc.period + mpc.latency) / mpc.horizon.dt) + 1
         """Stages that act or predict a state; of later ones, states and controls are recorded."""
         self._memory: RecedingMemory = mpc.compiled.memory
@@ -56,10 +56,11 @@ class Recorder:
         plan = self._mpc.plan(x, t)
         told = self._memory.tables.commands
         memory = plan.parts.memory  # type: ignore[attr-defined]  # a tick in C has made it
-        self._write(PLAN, np.array([t]), x, told, before, memory.header.astype(np.int64))
-        for first, last in self._recorded(memory.header):
-            self._write(first, last - first)
-            self._parts.append(memory.numbers[first:last].tobytes())
+        header, ranges = self._lean(memory.header)
+        self._write(PLAN, np.array([t]), x, told, before, header)
+        for first, place, count in ranges:
+            self._write(place, count)
+            self._parts.append(memory.numbers[first : first + count].tobytes())
         self._write(-1)
         self.plans += 1
         return plan
@@ -82,11 +83,11 @@ class Recorder:
         first, memory = self._mpc.horizon.models[0], self._memory
         sizes = (
             first.state.nx, first.control.nx, len(memory.tables.commands), len(self._planner()), memory.plan_entries,
-            memory.plan_numbers, memory.width, self.plans, self.ticks,
+            self._plan_numbers, memory.width, self.plans, self.ticks,
         )  # fmt: skip
         return b"".join([MAGIC, struct.pack(f"<{len(sizes)}q", *sizes), *self._parts, struct.pack("<q", END)])
 
-    def _write(self, *values: int | Array) -> None:
+    def _write(self, *values: int | Array | NDArray[np.int64]) -> None:
         for value in values:
             self._parts.append(
                 struct.pack("<q", value) if isinstance(value, int) else np.ascontiguousarray(value).tobytes()
@@ -102,22 +103,29 @@ class Recorder:
             *self._memory.memory,
         ], dtype=float)  # fmt: skip
 
-    def _recorded(self, header: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
-        """Yield the ranges of a plan's numbers that are recorded."""
-        yield 0, _MEASURED
-        yield _SHIFT, NUM_FIGURES
+    def _lean(self, header: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[tuple[int, int, int]]]:
+        """Return the header of a plan without what no low level reads, and what is recorded of its numbers.
+
+        The latter are ranges: where they are, where they are in the plan without the rest, and how many numbers.
+        """
+        own, at = header.copy(), NUM_FIGURES
+        ranges = [(0, 0, _MEASURED), (_SHIFT, _SHIFT, NUM_FIGURES - _SHIFT)]
         memory = self._memory
         for i in range(int(header[0])):
             part = header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
             mode, n = memory.modes[part[_MODE]], part[_STAGES]
             nx, ndx, nu = mode.state.nx, mode.state.ndx, mode.nu
-            link = 0 if part[6] < 0 else memory.links[part[6]].layout.size
+            link = 0 if part[_LINK] < 0 else memory.links[part[_LINK]].layout.size
             few = min(n, self._stages) if part[_SEGMENT] == 0 else 0
-            counts = (
-                n + 1, (n + 1) * nx, n * nu, few * nu, few * nu * ndx, few * ndx, few * nu, 0, few * nu * ndx,
-                few * nu * nu, few * mode.layout.size, few * len(mode.rows["stage_g"]),
-                few * len(mode.rows["stage_h"]), link,
+            every = (
+                nu, nu * ndx, 0, nu, 0, nu * ndx, nu * nu, mode.layout.size, len(mode.rows["stage_g"]),
+                len(mode.rows["stage_h"]),
             )  # fmt: skip
-            for at, count in zip(part[_AT:], counts, strict=True):
+            sizes = [n + 1, (n + 1) * nx, n * nu, *(n * size for size in every), link]
+            counts = [n + 1, (n + 1) * nx, n * nu, *(few * size for size in every), link]
+            for j, (size, count) in enumerate(zip(sizes, counts, strict=True)):
+                own[HEADER + i * PART + _AT + j] = at
                 if count:
-                    yield at, at + count
+                    ranges.append((part[_AT + j], at, count))
+                at += (size + 7) // 8 * 8
+        return own, ranges

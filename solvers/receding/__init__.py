@@ -1,5 +1,6 @@
 """The receding horizon: plans again and again from measured states."""
 
+from .keeper import Keeper as Keeper
 from .loop import ActingPlan as ActingPlan
 from .loop import Loop as Loop
 from .memory import RecedingMemory as RecedingMemory

@@ -63,7 +63,7 @@ class RecedingMemory(Keeper):
         self.c.clock.flight = -1
         self._solver_memory(options, max(iterations, first_iterations))
         self._work()
-        self._measure()
+        self.measure()
         self._plan = self.tables.library.receding_plan
         self._plan.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p)
         self._x = np.zeros(horizon.models[0].state.nx)
@@ -138,7 +138,12 @@ class RecedingMemory(Keeper):
         c.rows = self.zeros(max(ends, *(layout.size for layout in layouts)))
         c.x = self.zeros(self.horizon.models[0].state.nx)
 
-    def _measure(self) -> None:
+    def be_lean(self) -> None:
+        """Leave out of plans what no low level reads; plans that Python reads need it."""
+        self.tables.c.lean = 1
+        self.measure()
+
+    def measure(self) -> None:
         """Allocate for the longest horizon: every start up to the end of the calendar's entries tells its needs.
 
         A cycle need not be a whole number of steps of the first model. Later cycles then begin at other ticks.

@@ -48,7 +48,7 @@ class Outcome(ct.Structure):
 
     _fields_ = [
         ("status", ct.c_int), ("iterations", ct.c_int), ("damped", ct.c_int), ("mode", ct.c_int),
-        ("num_active", ct.c_int), ("active", ct.c_void_p),
+        ("num_active", ct.c_int), ("active", ct.c_void_p), ("nominal", ct.c_void_p), ("recorded", ct.c_void_p),
     ]  # fmt: skip
 
 

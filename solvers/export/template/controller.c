@@ -15,7 +15,10 @@ static size_t whole(size_t bytes) { return (bytes + 63) / 64 * 64; }
 
 size_t NAME_memory_size(void) { return whole(sizeof(NAME)) + whole(piaffe_arena_bytes()); }
 
-NAME_options NAME_default_options(void) { return (NAME_options){.max_age = @MAX_AGE@, .damping = @DAMPING@}; }
+NAME_options NAME_default_options(void)
+{
+    return (NAME_options){.max_age = @MAX_AGE@, .damping = @DAMPING@, .iterations = @ITERATIONS@, .time_limit = @TIME_LIMIT@};
+}
 
 void NAME_forget(NAME *c)
 {
@@ -37,11 +40,15 @@ NAME *NAME_init(void *memory, size_t size, const NAME_options *options)
     const NAME_options own = options ? *options : NAME_default_options();
     if (!memory || (size_t)memory % 64 || size < NAME_memory_size()) return NULL;
     if (!(own.max_age > 0.0) || !(own.damping >= 0.0 && own.damping < INFINITY)) return NULL;
+    if (!(own.time_limit >= 0.0 && own.time_limit < INFINITY) || own.iterations < 1 || own.iterations > NAME_MOST_ITERATIONS) return NULL;
     NAME *c = memory;
     memset(c, 0, sizeof *c);
     piaffe_fill(&c->memory);
     c->memory.receding.arena.base = (unsigned char *)memory + whole(sizeof(NAME));
     c->memory.low.damping = own.damping;
+    c->memory.receding.iterations = own.iterations;
+    c->memory.receding.options.time_limit_s = own.time_limit;
+    c->memory.receding.problem->clock = own.clock, c->memory.receding.problem->clock_data = own.clock_data;
     c->options = own;
     for (int i = 0; i < PLACES; i++) {
         struct place *p = &c->places[i];
@@ -60,6 +67,7 @@ int NAME_reset(NAME *c, const double x[NAME_NX], double t)
 
 @COMMAND_CODE@
 
+@CONTACTS_CODE@
 int NAME_plan(NAME *c, const double x[NAME_NX], double t)
 {
     if (!c || !x) return NAME_BAD_ARGUMENT;
@@ -98,11 +106,20 @@ static void damp(const NAME *c, const double *x, NAME_output *out)
 {
     out->fallback |= NAME_DAMPED;
     for (int i = 0; i < NAME_NU; i++) {
-        double torque = -c->options.damping * x[NAME_JOINT_VELOCITY + i];
-        if (!isfinite(torque)) torque = 0.0;
-        out->torque[i] = fmin(fmax(torque, lower[i]), upper[i]);
+        const double torque = -c->options.damping * x[NAME_JOINT_VELOCITY + i], angle = x[NAME_JOINT_POSITION + i];
+        out->torque[i] = isfinite(torque) ? fmin(fmax(torque, lower[i]), upper[i]) : 0.0;
+        out->joint_position[i] = isfinite(angle) ? angle : 0.0;
     }
 }
+
+/* What the plan has at this time, and what the model records of the torques. */
+static void tell(const NAME *c, NAME_output *out)
+{
+    const struct outcome *did = &c->memory.outcome;
+    memcpy(out->joint_position, did->nominal + NAME_JOINT_POSITION, sizeof out->joint_position);
+    memcpy(out->joint_velocity, did->nominal + NAME_JOINT_VELOCITY, sizeof out->joint_velocity);
+@RECORDED_CODE@}
+
 
 int NAME_tick(NAME *c, const double x[NAME_NX], double t, NAME_output *out)
 {
@@ -129,15 +146,15 @@ int NAME_tick(NAME *c, const double x[NAME_NX], double t, NAME_output *out)
     struct outcome *did = &c->memory.outcome;
     piaffe_tick(&c->memory.low, x, t, out->torque, did);
     out->iterations = did->iterations;
-    if (did->damped) out->fallback |= NAME_DAMPED;
-    else if (did->status) out->fallback |= NAME_PROGRAM_FAILED;
-    if (did->damped && !out->status) out->status = NAME_BAD_NUMBERS;
-    for (int i = 0; i < NAME_NU; i++)
-        if (!(out->torque[i] >= lower[i] && out->torque[i] <= upper[i])) {
-            if (isnan(out->torque[i])) out->torque[i] = 0.0;
-            out->torque[i] = fmin(fmax(out->torque[i], lower[i]), upper[i]);
-        }
-    return out->status;
+    int finite = !did->damped;
+    for (int i = 0; i < NAME_NU; i++) finite &= isfinite(out->torque[i]) != 0;
+    if (!finite) {
+        if (!out->status) out->status = NAME_BAD_NUMBERS;
+        return damp(c, x, out), out->status;
+    }
+    if (did->status) out->fallback |= NAME_PROGRAM_FAILED;
+    for (int i = 0; i < NAME_NU; i++) out->torque[i] = fmin(fmax(out->torque[i], lower[i]), upper[i]);
+    return tell(c, out), out->status;
 }
 
 const char *NAME_status_text(int status)

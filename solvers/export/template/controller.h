@@ -16,8 +16,12 @@ extern "C" {
 typedef struct NAME NAME;
 
 typedef struct {
-    double max_age; /* a plan acts until its state is this old [s] */
-    double damping; /* of the joints, if there is no torque of a plan [Nm s/rad] */
+    double max_age;               /* a plan acts until its state is this old [s] */
+    double damping;               /* of the joints, if there is no torque of a plan [Nm s/rad] */
+    int iterations;               /* most iterations of a plan, 1 to NAME_MOST_ITERATIONS; the first one has more */
+    double time_limit;            /* a plan begins no trial step after this time [s]; 0: no limit */
+    double (*clock)(void *data);  /* seconds, for the time limit; NULL: the clock of the system */
+    void *clock_data;
 } NAME_options;
 
 /* What the functions return, and what NAME_output.status tells. */
@@ -35,14 +39,17 @@ enum {
 
 /* What a tick did in place of the best torques: bits of NAME_output.fallback. */
 enum {
-    NAME_PROGRAM_FAILED = 1, /* the quadratic program has no solution or reached its limit: torques of the plan and its feedback, clipped */
+    NAME_PROGRAM_FAILED = 1, /* the quadratic program has no solution, or reached its limit: the plan's torques and feedback, clipped */
     NAME_DAMPED = 2,         /* the joints are damped */
     NAME_LATE = 4,           /* the plan is older than a period and the latency: the newer one is late or failed */
     NAME_LATCHED = 8         /* until reset */
 };
 
 typedef struct {
-    double torque[NAME_NU]; /* [Nm] */
+    double torque[NAME_NU];         /* [Nm] */
+    double joint_position[NAME_NU]; /* of the plan at this time [rad]; the measured ones if the joints are damped */
+    double joint_velocity[NAME_NU]; /* of the plan at this time [rad/s]; 0 if the joints are damped */
+@RECORDED@
     double plan_age;        /* time since the state of the plan was measured [s]; negative if there is no plan */
     int status;
     unsigned fallback;
@@ -62,7 +69,7 @@ NAME *NAME_init(void *memory, size_t size, const NAME_options *options);
 /* Forgets plans, commands and faults, and makes the first plan, from a state that is measured at time t since the motion's start [s].
  * It takes longer than others. The other threads stand still. */
 int NAME_reset(NAME *controller, const double x[NAME_NX], double t);
-/* Sets commands from the next plan on. One thread. */
+@CONTACTS@/* Sets commands from the next plan on. One thread. */
 int NAME_command(NAME *controller, const NAME_commands *commands);
 /* Makes a plan from a measured state. One thread. */
 int NAME_plan(NAME *controller, const double x[NAME_NX], double t);

@@ -77,6 +77,8 @@ typedef struct {
     const Transition *const *transition_tables;
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
     int (*solve)(Problem *, int), (*policy)(Problem *);
+    int lean;                           /* plans have no Q_x and Q_xx, which low levels do not read */
+    double (*clock)(const Problem *);   /* seconds */
     const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
 } Horizon;
 

@@ -27,6 +27,7 @@ struct low_level {
 struct outcome {
     int status, iterations, damped, mode, num_active;
     int *active;
+    double *nominal, *recorded; /* if not 0: the plan's state (nx), what the model records of the control in the world */
 };
 
 typedef void (*tick_function)(const struct low_level *, const struct plan_phase *, int, double, const double *,

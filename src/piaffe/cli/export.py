@@ -38,7 +38,7 @@ def export(
     """
     from rich.console import Console
 
-    from piaffe.solvers import Recorder, export_controller
+    from piaffe.solvers import export_controller
 
     from .online import OnlineSetup
     from .online_settings import OnlineSettings
@@ -53,7 +53,7 @@ def export(
             low=setup.low_level, max_age=max_age,
         )  # fmt: skip
         status.update("recording a closed loop")
-        recorder = Recorder(exported.mpc, exported.low)
+        recorder = exported.recorder()
         episode = setup.episode(recorder, recorder, seed)
     (output / "check.bin").write_bytes(recorder.file())
     if episode.fault:
