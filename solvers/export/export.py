@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from piaffe import __version__
 from piaffe.codegen import SOLVER_FLAGS, Part, Project, write_files
 from piaffe.errors import SolverError
 from piaffe.ocp import Problem
@@ -19,12 +20,18 @@ from ..ilqr import constants_header
 from ..receding import HEADER, PART, Plan, RecedingHorizon
 from ..tracking import LowLevel
 from . import interface
-from .build_files import build_files
+from .build_files import build_values
 from .layout import Layout, layout_of
+from .manifest import LICENSE, manifest
 from .memory import HANDOVER, ControllerMemory
+from .readme import readme
 from .record import Recorder
 
-_TEMPLATES = ("controller.h", "private.h", "controller.c", "check.c", "controller.py.in")
+_TEMPLATES = {
+    "controller.h": "include/NAME.h", "check.c": "examples/main.c", "loop.c": "examples/loop.c",
+    "controller.py.in": "python/NAME.py", "Makefile": "Makefile", "CMakeLists.txt": "CMakeLists.txt",
+}  # fmt: skip
+"""Template → its path in the project."""
 _OWN = ("piaffe_fill", "piaffe_arena_bytes")
 
 
@@ -99,28 +106,29 @@ def export_controller(
         "PERIOD": repr(mpc.period), "LATENCY": repr(mpc.latency),
         "LOWER": interface.numbers(layout.lower), "UPPER": interface.numbers(layout.upper),
         "DECLARED": interface.numbers(memory.planner.tables.commanded({})) or "0", "DAMPING": repr(float(made.damping)),
-        "NX": len(layout.state), "NU": len(layout.control),
+        "INITIAL": interface.numbers(problem.initial), "PIAFFE": __version__, "NX": len(layout.state), "NU": len(layout.control),
         "COMMANDS": ", ".join(f'"{each}": {1 << i}' for i, each in enumerate(layout.commands)),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
         "MAX_AGE": interface.numbers([min(reach, 0.25) if max_age is None else max_age]),
     }  # fmt: skip
-    own = {path: _filled(path, values, name) for path in _TEMPLATES}
-    parts = [Part("solver", memory.solver), Part("horizon", memory.horizon), Part("tick", memory.tick, wide=False)]
     made_files = memory.files()
+    parts = [Part("solver", memory.solver), Part("horizon", memory.horizon), Part("tick", memory.tick, wide=False)]
     project = Project(
         name, parts,
-        units={"controller.c": own["controller.c"], "memory.c": made_files["memory.c"]},
+        units={"controller.c": _filled("controller.c", values, name), "memory.c": made_files["memory.c"]},
         headers={
-            "private.h": own["private.h"], "memory.h": made_files["memory.h"], "handover.h": HANDOVER,
+            "private.h": _filled("private.h", values, name), "memory.h": made_files["memory.h"], "handover.h": HANDOVER,
             "constants.h": constants_header(),
         },
         flags=SOLVER_FLAGS, own_symbols=_OWN,
     )  # fmt: skip
+    values |= build_values(project.flags_of_units())
     written: dict[str, str | bytes] = {f"src/{path}": text for path, text in project.sources().items()}
-    written |= {f"include/{name}.h": own["controller.h"], "examples/main.c": own["check.c"]}
-    written[f"python/{name}.py"] = own["controller.py.in"]
-    written |= build_files(name, project.flags_of_units())
+    written |= {target.replace("NAME", name): _filled(path, values, name) for path, target in _TEMPLATES.items()}
+    written["README.md"] = _named(readme(layout, values), name)
+    written["LICENSE"] = LICENSE
+    written["manifest.json"] = manifest(problem, values, name, given, written)
     write_files(folder, written)
     return Exported(folder, name, layout, mpc, made, memory.planner.plan_numbers)
 
@@ -130,6 +138,11 @@ def _filled(path: str, values: Mapping[str, object], name: str) -> str:
     text = files(__package__).joinpath("template", path).read_text(encoding="utf-8")
     for key, value in values.items():
         text = text.replace(f"@{key}@", str(value))
+    return _named(text, name)
+
+
+def _named(text: str, name: str) -> str:
+    """Return a text with a controller's name in place of NAME."""
     text = re.sub(r"\bNAME_(?=[A-Z])", f"{name.upper()}_", text)
     text = re.sub(r"\bNAME_H\b", f"{name.upper()}_H", text)
     return re.sub(r"(?<![A-Z_])NAME(?![A-Z])", name, text)

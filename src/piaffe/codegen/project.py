@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 
 from piaffe.errors import SolverError
@@ -66,23 +67,28 @@ class Project:
             for name, text in sources.headers.items():
                 texts.setdefault(name, []).append(text)
         shared = {name: own[0] for name, own in texts.items() if len(own) > 1 and len(set(own)) == 1}
-        files = dict(shared)
+        found = dict(shared)
         for part, sources in made:
             first = f'#include "{NAMES}"\n' if part.wide else f'#define PIAFFE_W 1\n#include "{NAMES}"\n'
-            files |= {f"{part.folder}/{n}": t for n, t in sources.headers.items() if n not in shared}
-            files |= {f"{part.folder}/{n}.c": first + t for n, t in sources.units}
-        files |= self.headers
-        files |= {path: f'#include "{NAMES}"\n{text}' for path, text in self.units.items()}
-        files[NAMES] = self._names()
-        return files
+            found |= {f"{part.folder}/{n}": t for n, t in sources.headers.items() if n not in shared}
+            found |= {f"{part.folder}/{n}.c": first + t for n, t in sources.units}
+        found |= self.headers
+        found |= {path: f'#include "{NAMES}"\n{text}' for path, text in self.units.items()}
+        return found | {NAMES: self._names(), "own_math.h": _OWN_MATH}
 
     def flags_of_units(self) -> dict[str, tuple[str, ...]]:
-        """Return the flags of each unit, by its path; ``{native}`` stands for the flag of the processor."""
+        """Return the flags of each unit, by its path.
+
+        ``{native}`` stands for the flags of the processor, ``{narrow}`` for those without wide vectors.
+        """
         found: dict[str, tuple[str, ...]] = {}
         for part in self.parts:
             sources = part.library.built.sources.make()
             for name, _ in sources.units:
-                found[f"{part.folder}/{name}.c"] = tuple(sources.flags_per_unit.get(name, part.library.built.flags))
+                flags = sources.flags_per_unit.get(name, part.library.built.flags)
+                found[f"{part.folder}/{name}.c"] = tuple(
+                    "{narrow}" if flag == "{native}" and not part.wide else flag for flag in flags
+                )
         return found | {path: tuple(self.flags) for path in self.units}
 
     def _names(self) -> str:
@@ -105,19 +111,24 @@ _NAMES = """/* First of all in every unit: names for the linker, and the width o
 #endif
 #endif
 
+#ifdef PIAFFE_REPRODUCIBLE
+#include "own_math.h"
+#endif
+
 @NAMES@
 #endif
 """
+_OWN_MATH = files(__package__).joinpath("own_math.h").read_text(encoding="utf-8")
 
 
-def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
+def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
     """Write files into a folder, by their paths in it.
 
     Raises:
         SolverError: the folder cannot be written.
     """
     try:
-        for path, content in files.items():
+        for path, content in contents.items():
             target = folder / path
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(content.encode() if isinstance(content, str) else content)
