@@ -93,12 +93,23 @@ typedef struct {
     long num_plans, num_ticks; /* that differ in a bit */
 } Differences;
 
+/* A hash of all computed numbers, to compare machines. */
+static uint64_t digest = 14695981039346656037u;
+
+static void add_to_digest(double number)
+{
+    uint64_t bits;
+    memcpy(&bits, &number, sizeof bits);
+    for (int i = 0; i < 8; i++) digest = (digest ^ (bits >> (8 * i) & 255)) * 1099511628211u;
+}
+
 /* Compares numbers; `only` marks those that count. */
 static void compare(const double *a, const double *b, const unsigned char *only, long count, double *worst, long *differ)
 {
     int same = 1;
     for (long i = 0; i < count; i++) {
         if (only && !only[i]) continue;
+        add_to_digest(a[i]);
         if (!memcmp(&a[i], &b[i], sizeof *a)) continue;
         same = 0;
         double d = fabs(a[i] - b[i]) / fmax(1.0, fabs(b[i]));
@@ -209,6 +220,7 @@ int main(int count, char **arguments)
     const int close = restarted.plans <= PLANS && restarted.ticks <= TICKS;
     printf("%lld plans, %lld ticks; vectors of %d numbers, recorded with %lld; %zu bytes of memory\n", (long long)sizes[COUNT_PLANS],
            (long long)sizes[COUNT_TICKS], PIAFFE_W, (long long)sizes[WIDTH], size);
+    printf("digest of all numbers: %016llx\n", (unsigned long long)digest);
     if (same) printf("bitwise equal to the record\n");
     else
         printf("as on a robot: %ld plans and %ld ticks differ, by %.1e and %.1e at most\n"

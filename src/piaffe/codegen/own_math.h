@@ -11,16 +11,16 @@
 #include <stdint.h>
 #include <string.h>
 
-#define OWN static inline __attribute__((unused))
+#define OWN_FUNCTION static inline __attribute__((unused))
 
-OWN int64_t own_bits(double x)
+OWN_FUNCTION int64_t own_bits(double x)
 {
     int64_t bits;
     memcpy(&bits, &x, sizeof bits);
     return bits;
 }
 
-OWN double own_number(int64_t bits)
+OWN_FUNCTION double own_number(int64_t bits)
 {
     double x;
     memcpy(&x, &bits, sizeof x);
@@ -28,7 +28,7 @@ OWN double own_number(int64_t bits)
 }
 
 /* see lane_sincos of simd.h */
-OWN void own_sincos(double x, double *sine, double *cosine)
+OWN_FUNCTION void own_sincos(double x, double *sine, double *cosine)
 {
     const double magic = 6755399441055744.0, shifted = x * 6.36619772367581382433e-01 + magic, n = shifted - magic;
     double r = x - n * 1.57079632673412561417e+00;
@@ -47,26 +47,26 @@ OWN void own_sincos(double x, double *sine, double *cosine)
     *cosine = (quadrant + 1) & 2 ? -b : b;
 }
 
-OWN double own_sin(double x)
+OWN_FUNCTION double own_sin(double x)
 {
     double s, c;
     return own_sincos(x, &s, &c), s;
 }
 
-OWN double own_cos(double x)
+OWN_FUNCTION double own_cos(double x)
 {
     double s, c;
     return own_sincos(x, &s, &c), c;
 }
 
-OWN double own_tan(double x)
+OWN_FUNCTION double own_tan(double x)
 {
     double s, c;
     return own_sincos(x, &s, &c), s / c;
 }
 
 /* see lane_atan2 of simd.h */
-OWN double own_atan2(double y, double x)
+OWN_FUNCTION double own_atan2(double y, double x)
 {
     const double ay = fabs(y), ax = fabs(x);
     const int steep = ay > ax;
@@ -84,17 +84,17 @@ OWN double own_atan2(double y, double x)
     return copysign(r, y);
 }
 
-OWN double own_atan(double x) { return own_atan2(x, 1.0); }
-OWN double own_asin(double x) { return own_atan2(x, sqrt((1.0 - x) * (1.0 + x))); }
-OWN double own_acos(double x) { return own_atan2(sqrt((1.0 - x) * (1.0 + x)), x); }
-OWN double own_hypot(double x, double y) { return sqrt(x * x + y * y); }
+OWN_FUNCTION double own_atan(double x) { return own_atan2(x, 1.0); }
+OWN_FUNCTION double own_asin(double x) { return own_atan2(x, sqrt((1.0 - x) * (1.0 + x))); }
+OWN_FUNCTION double own_acos(double x) { return own_atan2(sqrt((1.0 - x) * (1.0 + x)), x); }
+OWN_FUNCTION double own_hypot(double x, double y) { return sqrt(x * x + y * y); }
 
 /* ln 2 in two parts, of which the first one times a whole number below 2^11 is exact */
 #define OWN_LN2_HIGH 6.93147180369123816490e-01
 #define OWN_LN2_LOW 1.90821492927058770002e-10
 
 /* x = 2^k (1 + f), sqrt(1/2) < 1 + f < sqrt(2); log(1 + f) = f - f^2/2 + s (f^2/2 + R(s^2)) with s = f / (2 + f) */
-OWN double own_log(double x)
+OWN_FUNCTION double own_log(double x)
 {
     if (!(x > 0.0) || x == INFINITY) return x > 0.0 ? x : x == 0.0 ? -INFINITY : NAN;
     int64_t k = 0;
@@ -112,7 +112,7 @@ OWN double own_log(double x)
 }
 
 /* x = k ln 2 + r, |r| <= ln 2 / 2; exp(r) = 1 + 2 r / (R(r^2) - r) */
-OWN double own_exp(double x)
+OWN_FUNCTION double own_exp(double x)
 {
     if (!(x < 709.782712893384)) return x > 0.0 ? INFINITY : x;
     if (x < -745.2) return 0.0;
@@ -127,7 +127,7 @@ OWN double own_exp(double x)
 }
 
 /* Whole powers by products, others by exp and log of a positive x. */
-OWN double own_pow(double x, double y)
+OWN_FUNCTION double own_pow(double x, double y)
 {
     const double size = fabs(y);
     if (floor(size) != size || size > 64.0) return x == 0.0 ? (y > 0.0 ? 0.0 : INFINITY) : own_exp(y * own_log(x));
