@@ -29,6 +29,7 @@ from .record import Recorder
 
 _TEMPLATES = {
     "controller.h": "include/NAME.h", "check.c": "examples/main.c", "loop.c": "examples/loop.c",
+    "fuzz.c": "examples/fuzz.c",
     "controller.py.in": "python/NAME.py", "Makefile": "Makefile", "CMakeLists.txt": "CMakeLists.txt",
 }  # fmt: skip
 """Template → its path in the project."""
@@ -109,6 +110,7 @@ def export_controller(
         "INITIAL": interface.numbers(problem.initial), "PIAFFE": __version__, "NX": len(layout.state),
         "NU": len(layout.control),
         "COMMANDS": ", ".join(f'"{each}": {1 << i}' for i, each in enumerate(layout.commands)),
+        "FUZZ_COMMANDS": interface.fuzz_commands(layout),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
         "MAX_AGE": interface.numbers([min(reach, 0.25) if max_age is None else max_age]),

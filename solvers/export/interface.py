@@ -57,6 +57,14 @@ def command_code(layout: Layout) -> str:
     )
 
 
+def fuzz_commands(layout: Layout) -> str:
+    """Return statements that draw commands at random, as C."""
+    return "".join(
+        f"    commands.{name} = uniform(r) < 0.95 ? 4.0 * uniform(r) - 2.0 : uniform(r) < 0.5 ? NAN : 1e9;\n"
+        for name in layout.commands
+    )
+
+
 def outputs(layout: Layout) -> dict[str, str]:
     """Return the fields of an output that the model records, in C and Python, and the code that writes them."""
     declared, code, python, at = [], [], [], 0

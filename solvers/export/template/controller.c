@@ -127,10 +127,9 @@ int NAME_tick(NAME *c, const double x[NAME_NX], double t, NAME_output *out)
     memset(out, 0, sizeof *out);
     out->plan_age = -1.0;
     if (!c || !x) return out->fallback = NAME_DAMPED, out->status = NAME_BAD_ARGUMENT;
-    if (!(t >= c->now - SAME_TIME)) out->status = NAME_BAD_TIME;
-    else if (t < INFINITY) c->now = t, take_plan(c, t);
-    else out->status = NAME_BAD_TIME;
-    if (!isfinite(t)) return damp(c, x, out), out->status;
+    if (!isfinite(t)) return damp(c, x, out), out->status = NAME_BAD_TIME;
+    if (t < c->now - SAME_TIME) out->status = NAME_BAD_TIME;
+    else c->now = t, take_plan(c, t);
     if (!c->ready) return damp(c, x, out), out->status = out->status ? out->status : NAME_NO_PLAN;
     const struct place *p = &c->places[c->plans.acting];
     out->plan_age = t - p->numbers[MEASURED_AT];

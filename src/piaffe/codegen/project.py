@@ -69,7 +69,9 @@ class Project:
         shared = {name: own[0] for name, own in texts.items() if len(own) > 1 and len(set(own)) == 1}
         found = dict(shared)
         for part, sources in made:
-            first = f'#include "{NAMES}"\n' if part.wide else f'#define PIAFFE_W 1\n#include "{NAMES}"\n'
+            first = (
+                f'#include "{NAMES}"\n' if part.wide else f'#undef PIAFFE_W\n#define PIAFFE_W 1\n#include "{NAMES}"\n'
+            )
             found |= {f"{part.folder}/{n}": t for n, t in sources.headers.items() if n not in shared}
             found |= {f"{part.folder}/{n}.c": first + t for n, t in sources.units}
         found |= self.headers

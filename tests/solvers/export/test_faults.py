@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from piaffe.models import stance
 from tests.solvers.export.conftest import Trot
 
 OK, NO_PLAN, TOO_OLD, BAD_STATE, BAD_TIME, BAD_NUMBERS, OUTSIDE, BAD_COMMAND, BAD_ARGUMENT = range(9)
@@ -124,8 +125,8 @@ def test_outputs_tell_what_the_plan_has_and_the_forces_of_the_torques(started: A
     u = low.control(x, 0.006)
     assert np.array_equal(output.torque, u)
     model, flags = phase.mode.model, phase.p[0, phase.mode.layout.slots["contact"]]
-    feet = [foot for foot, on in zip(model.robot.foot_names, flags, strict=True) if on]
-    forces = model.contact_forces(x, u, feet)
+    feet = " ".join(foot for foot, on in zip(model.robot.foot_names, flags, strict=True) if on)
+    forces = model.contact_forces(x, u, stance(feet))
     assert 50.0 < forces[:, 2].sum() < 200.0  # the robot weighs 81 N
     assert np.allclose(np.reshape(output.feet_force, (-1, 3)), forces, atol=1e-6)
 
