@@ -88,6 +88,13 @@ INTERNAL: dict[str, dict[str, str]] = {
         "require_picture": _CHECK,
     },
     "codegen": {
+        "LoadedLibrary": "a library that knows its sources, for exports",
+        "MemoryImage": "memory as C, for exports",
+        "Part": "a library of a project of C, for exports",
+        "Project": "the sources of a project of C, for exports",
+        "defined_symbols": "names in a library, for exports",
+        "flag_groups": "units by their flags, for the build files of exports",
+        "write_files": "writes the files of an export",
         "LazySources": "sources that are made only if the cache lacks them",
         "SOLVER_FLAGS": "compiler flags of the solver",
         "Worker": "a thread that engines and evaluators share work with",
