@@ -92,6 +92,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "MemoryImage": "memory as C, for exports",
         "Part": "a library of a project of C, for exports",
         "Project": "the sources of a project of C, for exports",
+        "check_name": "checks the prefix of an export",
         "defined_symbols": "names in a library, for exports",
         "flag_groups": "units by their flags, for the build files of exports",
         "write_files": "writes the files of an export",

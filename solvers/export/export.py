@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from piaffe import __version__
-from piaffe.codegen import SOLVER_FLAGS, Part, Project, write_files
+from piaffe.codegen import SOLVER_FLAGS, Part, Project, check_name, write_files
 from piaffe.errors import SolverError
 from piaffe.ocp import Problem
 
@@ -82,9 +82,13 @@ def export_controller(
             0.25 s at most.
 
     Raises:
-        SolverError: planner or low level are not compiled, or the folder cannot be written.
+        SolverError: the name or an age is unusable, planner or low level are not compiled, or the folder cannot be
+            written.
     """
     folder, given = Path(folder), dict(options or {})
+    check_name(name)
+    if max_age is not None and not max_age > 0:
+        raise SolverError(f"export: max_age is out of range - got {max_age:g} s, expected a positive number; change it")
     mpc, untouched = RecedingHorizon(problem, **given), RecedingHorizon(problem, **given)
     plan = mpc.plan(problem.initial, 0.0)
     made = low(plan)

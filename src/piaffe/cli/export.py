@@ -26,6 +26,9 @@ def export(
     ] = None,
     seconds: Annotated[float, typer.Option(help="Duration of the closed loop that `make check` replays [s].")] = 5.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of this closed loop.")] = 0,
+    spread: Annotated[
+        bool, typer.Option("--spread/--no-spread", help="Draw its plant, first state and noise, as piaffe mpc does.")
+    ] = True,
     command: Annotated[
         list[str] | None, typer.Option(metavar="'vx=0.5@0'", help="Commands in this closed loop, as for piaffe mpc.")
     ] = None,
@@ -43,7 +46,9 @@ def export(
     from .online import OnlineSetup
     from .online_settings import OnlineSettings
 
-    settings = OnlineSettings(gains=gains, seconds=seconds, latency=latency, command=" ".join(command or ()))
+    settings = OnlineSettings(
+        gains=gains, seconds=seconds, latency=latency, command=" ".join(command or ()), spread=spread
+    )  # fmt: skip
     setup = OnlineSetup.of_file(file, settings, quiet=json)
     with Console(stderr=True).status("compiling for this machine, once") as status:
         setup.build(lambda what: status.update(f"compiling for this machine, once ({what})"))

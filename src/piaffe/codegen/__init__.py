@@ -18,6 +18,7 @@ from .memory import aligned_zeros as aligned_zeros
 from .memory import shares as shares
 from .project import Part as Part
 from .project import Project as Project
+from .project import check_name as check_name
 from .project import flag_groups as flag_groups
 from .project import write_files as write_files
 from .simd import generate as generate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
@@ -16,6 +16,15 @@ from .symbols import defined_symbols
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 NAMES = "names.h"
 """The header that every unit includes first: prefixes of the names, and the width of a vector."""
+
+
+def check_name(name: str) -> None:
+    """Raise SolverError if a name is no prefix for names in C."""
+    if not _NAME.fullmatch(name):
+        raise SolverError(
+            f"export: the name is unusable - got '{name}', expected small letters, digits and underscores, as "
+            "trot_mpc; give another name"
+        )
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,7 @@ class Project:
         units: further C units, by path in the sources.
         headers: further headers, by path in the sources.
         flags: of the further units.
+        own_symbols: names that the further units define for each other.
     """
 
     name: str
@@ -50,14 +60,10 @@ class Project:
     units: Mapping[str, str]
     headers: Mapping[str, str]
     flags: Sequence[str]
-    own_symbols: Sequence[str] = field(default=())
+    own_symbols: Sequence[str] = ()
 
     def __post_init__(self) -> None:
-        if not _NAME.fullmatch(self.name):
-            raise SolverError(
-                f"export: the name is unusable - got '{self.name}', expected small letters, digits and underscores, as "
-                "trot_mpc; give another name"
-            )
+        check_name(self.name)
 
     def sources(self) -> dict[str, str]:
         """Return the text of each file of the sources, by its path."""
