@@ -13,8 +13,10 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import version
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from statistics import median
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -185,6 +187,16 @@ def middle(samples: Sequence[Mapping[str, float]], scale: float, digits: int = 3
         }
         for name in samples[0]
     }
+
+
+def example(name: str) -> ModuleType:
+    """Return a file of ``examples/`` as a module."""
+    spec = spec_from_file_location(name, Path(__file__).parents[1] / "examples" / f"{name}.py")
+    assert spec is not None  # the file is there
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def tell(results: Mapping[str, Any], lines: Sequence[str], *, json: bool, save: bool) -> None:

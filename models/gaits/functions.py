@@ -45,6 +45,7 @@ class GaitFunctions:
         steps: footholds and swings.
         command: declared values of ``COMMANDS``.
         ramp: length of a ramp [s].
+        heading_limit: largest angle between the kept heading and the measured one [rad].
         terrain: height of the ground [m].
         weight: sum of the vertical contact forces while there are any [N].
     """
@@ -55,6 +56,7 @@ class GaitFunctions:
     steps: StepExpressions
     command: Array
     ramp: float
+    heading_limit: float
     terrain: float
     weight: float
 
@@ -130,10 +132,16 @@ class GaitFunctions:
     def _advanced(
         self, memory: GaitMemory, dt: cs.SX, x: dict[Quantity, cs.SX], c: cs.SX, phi: cs.SX, rows: list[FootRow]
     ) -> GaitMemory:
-        """Return the memory at a later time, anchored at a measured state, as ``BoundGait.anchored``."""
+        """Return the memory at a later time, anchored at a measured state, as ``BoundGait.anchored``.
+
+        The position is the measured one. The heading is that of the path, an integral of the command, within the limit
+        about the measured one.
+        """
         later, position = memory.path.later(dt), x[base.position]
-        turn = within_half_turn(rotation.to_rpy(x[base.orientation])[2] - later.pose[2])
-        pose = cs.vertcat(position[:2], within_half_turn(later.pose[2] + turn))
+        heading = rotation.to_rpy(x[base.orientation])[2]
+        ahead = within_half_turn(later.pose[2] - heading)
+        kept = cs.fmin(cs.fmax(ahead, -self.heading_limit), self.heading_limit)
+        pose = cs.vertcat(position[:2], within_half_turn(heading + kept))
         changes = cs.sumsqr(c - cs.vertcat(later.last, memory.height)) > 0
         ramp = cs.if_else(changes, self.ramp, later.ramp)
         path = PathExpression(pose, later.first, c[:3], ramp)

@@ -50,6 +50,9 @@ class GaitReference(Reference):
     The foothold is clamped to a box about the hip at touchdown that the leg can reach. ``base.height``,
     ``feet.height`` and ``base.ground_normal`` have targets, too: these are relative to the terrain of the model.
 
+    A controller that plans again places the path at the measured base, but the path keeps its heading: the integral of
+    the commanded yaw rate. So a robot that turns more slowly than its targets is behind by an angle that does not grow.
+
     Args:
         speed: forward velocity after the ramp [m/s].
         lateral_speed: velocity to the left after the ramp [m/s].
@@ -58,6 +61,8 @@ class GaitReference(Reference):
         ramp: time in which velocity, height, roll and pitch change from their initial values to the command [s].
         swing_height: height of the swing [m]; None for 0.15 of the leg's reach.
         velocity_gain: k [s]; None for √(h/g).
+        heading_limit: largest angle between the kept heading and the measured one [rad], at most π. Beyond it, as after
+            a push, the kept heading goes with the measured one. With 0 every plan begins at the measured heading.
         terrain: height of the ground [m].
     """
 
@@ -68,6 +73,7 @@ class GaitReference(Reference):
     ramp: float = 1.0
     swing_height: float | None = None
     velocity_gain: float | None = None
+    heading_limit: float = 0.15
     terrain: float = 0.0
 
     def __post_init__(self) -> None:
@@ -75,6 +81,7 @@ class GaitReference(Reference):
             self._require(key, np.isfinite(getattr(self, key)), "a finite number")
         self._require("ramp", self.ramp >= 0, "seconds ≥ 0")
         self._require("height", self.height is None or 0 < self.height < np.inf, "metres > 0")
+        self._require("heading_limit", 0 <= self.heading_limit <= np.pi, "0 to π rad")
         self._require("swing_height", self.swing_height is None or 0 <= self.swing_height < np.inf, "metres ≥ 0")
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundGait:
@@ -174,8 +181,9 @@ class BoundGait(BoundReference):
     def anchored(self, t: float, actual: Sample) -> BoundGait:
         """Return the gait moved to the measured state of the robot, for a controller that plans again at time t.
 
-        The path of the base goes through the measured position and heading. Feet on the ground stay where they are. The
-        next foothold of every foot corrects the error in velocity.
+        The path of the base goes through the measured position, and keeps its heading within the limit about the
+        measured one. Feet on the ground stay where they are. The next foothold of every foot corrects the error in
+        velocity.
 
         Args:
             t: local time of the measured sample [s].
@@ -186,6 +194,7 @@ class BoundGait(BoundReference):
         wanted, yaw = self.path.position(now)[0], float(self.path.yaw(now)[0])
         turn = float(rotation.np_to_rpy(np.asarray(actual[base.orientation]))[2]) - yaw
         turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+        turn -= float(np.clip(turn, -self.gait.heading_limit, self.gait.heading_limit))  # the rest is kept
         origin = place[:2] + turn_by(np.array(turn), np.array(self.path.origin[:2]) - wanted)
         moved = copy(self)
         moved.path = replace(self.path, origin=(float(origin[0]), float(origin[1]), self.path.origin[2] + turn))
@@ -201,7 +210,7 @@ class BoundGait(BoundReference):
         command = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate, self._height])
         numbers = GaitFunctions(
             self.model.state, self.kinematics, self.footsteps.schedule, self._steps, command, self.gait.ramp,
-            self.gait.terrain, self._weight,
+            self.gait.heading_limit, self.gait.terrain, self._weight,
         )  # fmt: skip
         return numbers.compile()
 

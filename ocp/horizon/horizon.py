@@ -2,34 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ProblemError, ShapeError, UnknownNameError
+from piaffe.errors import ProblemError
 
 from ..compiler.checks import require_derivatives
 from ..compiler.compile import Compilation
 from ..compiler.compiled import CompiledProblem
-from ..compiler.compiled_phase import CompiledPhase
-from ..compiler.mode import LoweredMode, Row
+from ..compiler.mode import Row
 from ..compiler.transition import LoweredTransition
-from ..language import (
-    ORIGIN,
-    SCHEDULED,
-    PlacedPhase,
-    Problem,
-    model_of,
-    relative,
-)
-from .calendar import Calendar, Place
+from ..language import ORIGIN, Problem, model_of, relative
+from .calendar import Calendar
+from .checks import checked_commands, checked_state, refuse_modes_inside
 from .course import Course, Courses
 from .falls import Falls
+from .phases import Phases, filled
 from .samples import Samples
-from .spans import Span, SpanLayout
-from .tables import LANDS, OWN, RESETS, Indices, RowStore, Tables
-from .targets import Copies
+from .spans import SpanLayout
+from .tables import LANDS, OWN, Tables
 
 Array = NDArray[np.float64]
 
@@ -66,16 +59,16 @@ class Horizon:
         self.models = tuple(model_of(segment) for segment in problem.schedule.segments)
         self.calendar = calendar = Calendar(problem.motion.pieces, problem.schedule)
         self.layout = SpanLayout(calendar, problem.schedule)
-        self._refuse_ends_inside()
         samples = Samples(compilation, calendar)
         self.targets = samples.targets
         self.tables = Tables(compilation, calendar, self.targets, samples.at)
-        self._refuse_modes_inside()
+        refuse_modes_inside(self.layout, self.tables)
         self.state_copies = tuple(self.targets.state_copies(model) for model in self.models)
         self.falls = Falls(compilation, calendar, samples.at)
         self.acting = tuple(self.targets.acting_copies(model) for model in self.models)
         pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
         self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)
+        self._phases = Phases(compilation, self.layout, self.tables, self.courses, self.state_copies, self.acting)
         self._first = self.at(self.begin(problem.initial, 0.0), problem.initial)
         compilation.check_bound(self._first.phases, complete=False)
 
@@ -157,31 +150,11 @@ class Horizon:
 
     def checked(self, x: ArrayLike) -> Array:
         """Return a measured state (nx,); raise if it has another size or is not finite."""
-        state = np.asarray(x, dtype=float)
-        space = self.models[0].state
-        if state.shape != (space.nx,):
-            raise ShapeError(
-                f"horizon, model '{self.models[0].name}': state has the wrong size - got shape {state.shape}, expected "
-                f"({space.nx},); give the state of this model"
-            )
-        if not np.all(np.isfinite(state)):
-            bad = space.stored_labels[int(np.flatnonzero(~np.isfinite(state))[0])]
-            raise ProblemError(
-                f"horizon: state is not finite - got {state[~np.isfinite(state)][0]} in '{bad}', expected numbers; "
-                "check the estimator"
-            )
-        return state
+        return checked_state(self.models[0], x)
 
     def checked_commands(self, commands: Mapping[str, float]) -> dict[str, float]:
         """Return commands as numbers; raise for an unknown name or a value that is not finite."""
-        for name, value in commands.items():
-            if name not in self.commands:
-                raise UnknownNameError("horizon", "command", name, self.commands)
-            if not (isinstance(value, int | float | np.number) and np.isfinite(value)):
-                raise ProblemError(
-                    f"horizon, command '{name}': is not finite - got {value!r}, expected a number; fix it"
-                )
-        return {name: float(value) for name, value in commands.items()}
+        return checked_commands(self.commands, commands)
 
     # ---- numbers
 
@@ -193,7 +166,7 @@ class Horizon:
             x: initial state in the plan's frame (nx,).
         """
         spans = self.layout.at(course.tick)
-        phases = tuple(self._phase(i, spans, course) for i in range(len(spans)))
+        phases = tuple(self._phases.at(i, spans, course) for i in range(len(spans)))
         phases[0].guess_states[0] = x
         compilation = self._compilation
         return CompiledProblem(
@@ -221,112 +194,4 @@ class Horizon:
         store = self.tables.transitions[int(link[0])]
         assert isinstance(store.lowered, LoweredTransition)
         sample = self.courses.samples(course, [(place, at)])[0]
-        return store.lowered, _filled(store, link[1:3], sample)
-
-    def nodes(self, span: Span) -> list[tuple[Place, int]]:
-        """Return place and tick of a span's nodes (N+1); the place of the last is that of the phase before it."""
-        return self._places(span, 0, span.stages + 1)
-
-    def middles(self, span: Span) -> list[tuple[Place, int]]:
-        """Return place and tick of what acts during a span's stages (N), see ``Stages``."""
-        return self._places(span, self.calendar.halves[span.segment], span.stages)
-
-    def _places(self, span: Span, offset: int, count: int) -> list[tuple[Place, int]]:
-        """Return place and tick of so many nodes of a span, each so many ticks later."""
-        calendar, found, place = self.calendar, [], span.place
-        for j in range(count):
-            k = span.first + j * calendar.steps[span.segment] + offset
-            while not self.layout.cut[span.segment]:
-                end = place.start + calendar.entries[place.entry].length
-                if k < end or (j == span.stages and k == end):
-                    break
-                place = calendar.next(place)
-            found.append((place, k))
-        return found
-
-    def _phase(self, i: int, spans: Sequence[Span], course: Course) -> CompiledPhase:
-        span, calendar, tables = spans[i], self.calendar, self.tables
-        table, segment = tables.segments[span.segment], self.problem.schedule.segments[span.segment]
-        mode_number = int(table.mode[span.place.entry])
-        store = tables.modes[mode_number]
-        nodes, middles = self.nodes(span), self.middles(span)
-        samples = self.courses.samples(course, nodes)
-        if middles != nodes[:-1]:
-            acting = self.acting[span.segment]
-            samples[:-1, list(acting.to)] = self.courses.samples(course, middles)[:, list(acting.of)]
-        at = [int(table.first[place.entry]) + k - place.start for place, k in (*middles, nodes[-1])]
-        p = np.array([
-            _filled(store, table.stage[row], sample) for row, sample in zip(at[:-1], samples, strict=False)
-        ])  # fmt: skip
-        p_end = _filled(store, table.end[int(span.last), at[-1]], samples[-1])
-        mode = store.lowered
-        assert isinstance(mode, LoweredMode)
-        stage_w, terminal_w = self._compilation.weights(mode)
-        weights, ends = stage_w(p), terminal_w(p_end[None])
-        transition, p_transition, resets, lands = None, np.zeros(0), False, False
-        at_end = list(ends)
-        if not span.last:
-            to_next = int(spans[i + 1].segment != span.segment)
-            link = table.link[to_next, at[-1]]
-            links = tables.transitions[int(link[0])]
-            assert isinstance(links.lowered, LoweredTransition)
-            transition, resets, lands = links.lowered, bool(link[3] & RESETS), bool(link[3] & LANDS)
-            p_transition = _filled(links, link[1:3], samples[-1])
-            rows = self._compilation.reset_weights(transition)(p_transition[None])
-            at_end = [np.concatenate(both, axis=1) for both in zip(ends, rows, strict=True)]
-        model = self.models[span.segment]
-        own = self.state_copies[span.segment]
-        states = np.zeros((len(samples), model.state.nx))
-        states[:, list(own.to)] = samples[:, list(own.of)]
-        placed = self.placed(span.place)
-        cut = self.layout.cut[span.segment]
-        times: Array = (span.first + calendar.steps[span.segment] * np.arange(span.stages + 1.0)) * calendar.tick
-        return CompiledPhase(
-            name=placed.phase.name,
-            label=str(self._compilation.resolve(model, placed.phase)) if cut else SCHEDULED,
-            interval=placed, mode=mode, dt=segment.dt, times=times, p=p, p_end=p_end,
-            applies=np.zeros((span.stages + 1, len(self._compilation.terms)), dtype=bool),
-            weight=weights[0], g_mask=weights[1], h_mask=weights[2],
-            end_weight=at_end[0][0], end_g_mask=at_end[1][0], end_h_mask=at_end[2][0],
-            ends_phase=span.ends, transition=transition, p_transition=p_transition, resets=resets, lands=lands,
-            guess_states=model.state.np_normalise(states), guess_controls=table.controls[at[:-1]].copy(),
-        )  # fmt: skip
-
-    def placed(self, place: Place) -> PlacedPhase:
-        """Return the motion phase at a place, with its own times and index."""
-        calendar = self.calendar
-        own = calendar.entries[place.entry]
-        start = place.start * calendar.tick
-        return PlacedPhase(
-            own.phase, own.placed.piece, calendar.index(place), start, start + own.length * calendar.tick
-        )  # fmt: skip
-
-    def _refuse_ends_inside(self) -> None:
-        """Raise if a phase with a reset or ``until`` may end inside a part of the horizon."""
-        for model, cut in zip(self.models, self.layout.cut, strict=True):
-            for entry in () if cut else self.calendar.entries:
-                phase = entry.phase
-                if phase.reset is not None or phase.until:
-                    what = "reset" if phase.reset is not None else "until"
-                    raise ProblemError(
-                        f"phase '{phase.name}' ({phase.source}): its end comes to be inside a phase of model "
-                        f"'{model.name}' - got a {what}, expected none where '{model.name}' plans; remove it, or "
-                        "schedule only models with a phase per mode"
-                    )
-
-    def _refuse_modes_inside(self) -> None:
-        """Raise if a part of the horizon may contain modes with other dynamics than that at its start."""
-        for model, cut, table in zip(self.models, self.layout.cut, self.tables.segments, strict=True):
-            if not cut and len(keys := dict.fromkeys(self.tables.modes[i].lowered.key for i in table.mode)) > 1:
-                raise ProblemError(
-                    f"horizon, model '{model.name}': has one phase for all modes and several dynamics - got "
-                    f"{', '.join(keys)}, expected one; return one key from mode_key, or set cut_by_modes"
-                )
-
-
-def _filled(store: RowStore, which: Indices, sample: Array) -> Array:
-    """Return a parameter row with what it takes from a sample; ``which`` is the row and its copies."""
-    p: Array = store.rows[int(which[0])].copy()
-    own: Copies = store.copies[int(which[1])]
-    p[list(own.to)] = sample[list(own.of)]
-    return p
+        return store.lowered, filled(store, link[1:3], sample)

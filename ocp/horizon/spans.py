@@ -41,8 +41,8 @@ class SpanLayout:
         schedule: models and time steps.
 
     Raises:
-        ProblemError: a part is not a whole number of steps, or a model with a phase per mode has a time step that does
-            not divide the phases and the steps of the models before it.
+        ProblemError: a part is not a whole number of steps; a model with a phase per mode has a time step that does not
+            divide the phases and the steps of the models before it; a reset or ``until`` may be inside a part.
     """
 
     def __init__(self, calendar: Calendar, schedule: Schedule) -> None:
@@ -53,6 +53,7 @@ class SpanLayout:
             for segment in schedule.segments
         )
         self._check()
+        self._refuse_ends_inside()
 
     def _check(self) -> None:
         steps, entries = self.calendar.steps, self.calendar.entries
@@ -87,6 +88,19 @@ class SpanLayout:
                         f"after {before.dt:g} s, expected a dt that divides it; shorten it"
                     )
 
+    def _refuse_ends_inside(self) -> None:
+        """Raise if a phase with a reset or ``until`` may end inside a part of the horizon."""
+        for model, cut in zip(map(model_of, self.schedule.segments), self.cut, strict=True):
+            for entry in () if cut else self.calendar.entries:
+                phase = entry.phase
+                if phase.reset is not None or phase.until:
+                    what = "reset" if phase.reset is not None else "until"
+                    raise ProblemError(
+                        f"phase '{phase.name}' ({phase.source}): its end comes to be inside a phase of model "
+                        f"'{model.name}' - got a {what}, expected none where '{model.name}' plans; remove it, or "
+                        "schedule only models with a phase per mode"
+                    )
+
     def at(self, k: int) -> tuple[Span, ...]:
         """Return the spans of the horizon that begins at tick k, a multiple of the first model's step."""
         calendar, spans = self.calendar, []
@@ -104,6 +118,27 @@ class SpanLayout:
                 spans.append((s, began, first, length // step, ends[1]))
         count = len(spans)
         return tuple(Span(*each, last=i == count - 1) for i, each in enumerate(spans))
+
+    def nodes(self, span: Span) -> list[tuple[Place, int]]:
+        """Return place and tick of a span's nodes (N+1); the place of the last is that of the phase before it."""
+        return self._places(span, 0, span.stages + 1)
+
+    def middles(self, span: Span) -> list[tuple[Place, int]]:
+        """Return place and tick of what acts during a span's stages (N), see ``Stages``."""
+        return self._places(span, self.calendar.halves[span.segment], span.stages)
+
+    def _places(self, span: Span, offset: int, count: int) -> list[tuple[Place, int]]:
+        """Return place and tick of so many nodes of a span, each so many ticks later."""
+        calendar, found, place = self.calendar, [], span.place
+        for j in range(count):
+            k = span.first + j * calendar.steps[span.segment] + offset
+            while not self.cut[span.segment]:
+                end = place.start + calendar.entries[place.entry].length
+                if k < end or (j == span.stages and k == end):
+                    break
+                place = calendar.next(place)
+            found.append((place, k))
+        return found
 
     def _skip(self, place: Place, k: int) -> tuple[Place, bool]:
         """Return the place of tick k at or after a phase's start, and whether a phase ends there."""

@@ -17,6 +17,7 @@ from piaffe.errors import SolverError
 from piaffe.ocp import Problem
 
 from ..ilqr import constants_header
+from ..qp import QpStatus
 from ..receding import HEADER, PART, Plan, RecedingHorizon
 from ..tracking import LowLevel
 from . import interface
@@ -114,7 +115,7 @@ def export_controller(
         "INITIAL": interface.numbers(problem.initial), "PIAFFE": __version__, "NX": len(layout.state),
         "NU": len(layout.control),
         "COMMANDS": ", ".join(f'"{each}": {1 << i}' for i, each in enumerate(layout.commands)),
-        "FUZZ_COMMANDS": interface.fuzz_commands(layout),
+        "RELAXED": list(QpStatus).index(QpStatus.RELAXED), "FUZZ_COMMANDS": interface.fuzz_commands(layout),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
         "MAX_AGE": interface.numbers([min(reach, 0.25) if max_age is None else max_age]),

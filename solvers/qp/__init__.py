@@ -2,6 +2,7 @@
 
 from .compiled import QpMemory as QpMemory
 from .compiled import qp_library as qp_library
+from .elastic import solve_elastic as solve_elastic
 from .result import QpResult as QpResult
 from .result import QpStatus as QpStatus
 from .solve import QP_METHODS as QP_METHODS

@@ -22,6 +22,7 @@ class QpStatus(Enum):
     NOT_CONVEX = "The Hessian is not positive definite."
     NOT_FINITE = "A number of the program is NaN or infinite."
     ITERATION_LIMIT = "Stopped at the iteration limit."
+    RELAXED = "No point meets all rows; the soft rows gave way by their least common excess."
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +30,14 @@ class QpResult:
     """The solution of a quadratic program.
 
     Args:
-        status: why it ended; the other values have a meaning only with ``SOLVED``.
+        status: why it ended; the other values have a meaning only with ``SOLVED`` and
+            ``RELAXED``.
         x: the minimum (n,).
         equality: multipliers of the equality rows: H x + g = Aᵀ equality + Cᵀ inequality.
         inequality: multipliers of the inequality rows, at least 0.
         active: which inequality rows hold as equalities, by the method's last set.
         iterations: rows added plus rows dropped; of other methods, their own count.
+        excess: by how much the soft rows gave way, in units of d; 0 if ``SOLVED``.
     """
 
     status: QpStatus
@@ -43,3 +46,4 @@ class QpResult:
     inequality: Array
     active: NDArray[np.bool_]
     iterations: int
+    excess: float = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Literal, get_args
 
 import numpy as np
@@ -12,6 +12,7 @@ from piaffe.errors import ShapeError, SolverError
 
 from .compiled import qp_library, solve_compiled
 from .dual import solve_dual
+from .elastic import Method, solve_elastic
 from .others import solve_daqp, solve_osqp
 from .result import QpResult
 
@@ -19,8 +20,6 @@ Array = NDArray[np.float64]
 
 QpMethod = Literal["own", "numpy", "daqp", "osqp"]
 QP_METHODS: tuple[QpMethod, ...] = get_args(QpMethod)
-
-_Method = Callable[[Array, Array, Array, Array, Array, Array, NDArray[np.bool_] | None], QpResult]
 
 
 def solve_qp(
@@ -32,6 +31,7 @@ def solve_qp(
     C: ArrayLike | None = None,
     d: ArrayLike | None = None,
     first: NDArray[np.bool_] | None = None,
+    soft: NDArray[np.bool_] | None = None,
     method: QpMethod = "own",
 ) -> QpResult:
     """Return the minimum of a small, strictly convex quadratic program.
@@ -51,6 +51,8 @@ def solve_qp(
         C: (k, n); none by default. Rows may be redundant, equal or zero.
         d: (k,); −inf is no row.
         first: rows of C that are tried first, for example the active rows of a similar program, (k,).
+        soft: rows of C that may give way, all by the same least excess, if no point meets all rows, (k,); none by
+            default.
         method: ``"own"``, ``"numpy"``, or ``"daqp"`` and ``"osqp"``, which ``piaffe[qp]`` installs.
 
     Returns:
@@ -72,15 +74,18 @@ def solve_qp(
             f"quadratic program: sizes do not fit - got H, g, A, b, C, d of shapes {', '.join(map(str, got))}, "
             f"expected {', '.join(map(str, expected))}; fix them"
         )
-    if first is not None and np.shape(first) != levels[1].shape:
-        raise ShapeError(
-            f"quadratic program: 'first' does not fit - got shape {np.shape(first)}, expected {levels[1].shape}; give "
-            "one flag for each row of C"
-        )
-    return qp_method(method)(hessian, slope, rows[0], levels[0], rows[1], levels[1], first)
+    for name, flags in (("first", first), ("soft", soft)):
+        if flags is not None and np.shape(flags) != levels[1].shape:
+            raise ShapeError(
+                f"quadratic program: '{name}' does not fit - got shape {np.shape(flags)}, expected {levels[1].shape}; "
+                "give one flag for each row of C"
+            )
+    gives = np.zeros(levels[1].size, dtype=bool) if soft is None else np.asarray(soft, dtype=bool)
+    program = hessian, slope, rows[0], levels[0], rows[1], levels[1]
+    return solve_elastic(qp_method(method), *program, gives, first)
 
 
-def qp_method(name: QpMethod) -> _Method:
+def qp_method(name: QpMethod) -> Method:
     """Return a method by name: a function of H, g, A, b, C, d and the rows that are tried first.
 
     Raises:
@@ -90,7 +95,7 @@ def qp_method(name: QpMethod) -> _Method:
         raise SolverError(
             f"quadratic program: method is unknown - got {name!r}, expected one of {', '.join(QP_METHODS)}; choose one"
         )
-    others: Mapping[str, _Method] = {"numpy": solve_dual, "daqp": solve_daqp, "osqp": solve_osqp}
+    others: Mapping[str, Method] = {"numpy": solve_dual, "daqp": solve_daqp, "osqp": solve_osqp}
     if name != "own":
         return others[name]
     library = qp_library()

@@ -1,8 +1,8 @@
 """The receding horizon: plans again and again from measured states."""
 
 from .keeper import Keeper as Keeper
-from .loop import ActingPlan as ActingPlan
 from .loop import Loop as Loop
+from .loop_parts import ActingPlan as ActingPlan
 from .memory import RecedingMemory as RecedingMemory
 from .native_tick import NativeTick as NativeTick
 from .plan import Plan as Plan

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import weakref
 from types import TracebackType
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,32 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ProblemError, SolverError
 
 from ..ilqr import STATUS
-from ..solution import Status
-from ..tracking import NativeTick as LowTick
-from ..tracking import Vwbc
-from .loop_memory import PLACES, LoopMemory
+from ..tracking import LowLevel
+from .lease import Lease
+from .loop_memory import LoopMemory
+from .loop_parts import ActingPlan, checked_parts
 from .native_tick import NativeTick
-from .plan import Plan, followed_modes
+from .plan import Plan
 
 Array = NDArray[np.float64]
 
-_TIME_GOES_BACK, _NO_THREADS = 16, 32  # of loop.h
-
-
-class ActingPlan(NamedTuple):
-    """What is known of the plan that acts.
-
-    Attributes:
-        measured_at: time of its state [s].
-        seconds: time of the processor that it took [s].
-        iterations: of its solve.
-        status: why its solve ended.
-    """
-
-    measured_at: float
-    seconds: float
-    iterations: int
-    status: Status
+_TIME_GOES_BACK = 16  # of loop.h
 
 
 class Loop:
@@ -64,35 +45,21 @@ class Loop:
         thread: whether plans are made in a thread of their own; else within :meth:`control`, which waits for them.
     """
 
-    def __init__(self, planner: NativeTick | None, low: Vwbc, period: float, latency: float, *, thread: bool) -> None:
-        tick: LowTick | None = getattr(low, "compiled", None)
-        if planner is None or tick is None:
-            what, got = ("receding horizon", "numpy") if planner is None else ("low level", type(low).__name__)
-            raise SolverError(
-                f"loop: the {what} is not compiled - got {got}, expected RecedingHorizon and Vwbc with "
-                "backend='native' and qp='own'; call plan(x, t), follow(plan) and control(x, t) one by one"
-            )
-        if tick.modes != followed_modes(planner.horizon):
-            raise SolverError(
-                "loop: the low level is for other plans - got one with other modes, expected those of this receding "
-                "horizon; make it with Vwbc(mpc.plan(mpc.initial, 0.0))"
-            )
-        if thread and latency == 0:
-            raise SolverError(
-                f"loop: a plan in a thread needs time - got a latency of 0 s, expected up to the period, {period:g} s; "
-                "give RecedingHorizon the latency, or thread=False"
-            )
-        self._planner, self._low, self._tick, self._thread = planner, low, tick, thread
+    def __init__(
+        self, planner: NativeTick | None, low: LowLevel, period: float, latency: float, *, thread: bool
+    ) -> None:
+        planner, tick = checked_parts(planner, low, period, latency, thread=thread)
+        self._planner, self._low, self._tick = planner, low, tick
         self._memory = LoopMemory(planner, tick, period, latency)
-        self._period, self._process = period, 0
-        self._end: weakref.finalize[[LoopMemory, Vwbc, int], Loop] | None = None
+        self._period, self._thread = period, thread
+        self._lease: Lease | None = None
 
     # ---- start and stop
 
     @property
     def is_running(self) -> bool:
         """Whether the loop has been started and not stopped."""
-        return self._end is not None and self._end.alive
+        return self._lease is not None and self._lease.is_on
 
     def start(self) -> None:
         """Start the loop; it goes on from the last plan of the receding horizon, if there is one.
@@ -101,30 +68,15 @@ class Loop:
             SolverError: it runs already, or another loop of the same receding horizon does, or there is no thread.
         """
         self._planner.check_free("start()")
-        memory, last = self._memory, self._planner.plan
-        begins = -np.inf if last is None else last.measured_at + self._period
-        memory.library.loop_init(memory.address, int(last is not None), begins)
-        if last is not None and last is not self._low.plan and self._planner.memory.c.has_plan:
-            memory.wait_with(last)
-        if self._thread and (code := memory.library.loop_start(memory.address)):
-            why = "this platform has no POSIX threads" if code == _NO_THREADS else "the system refuses one"
-            raise SolverError(
-                f"loop: no thread for plans - got {why}, expected a thread; use running(low, thread=False), which "
-                "makes plans within the tick"
-            )
-        memory.told[:] = self._planner.told
-        self._planner.told = memory.told
-        self._tick.tick_through(memory.library.loop_tick, memory.address, memory)
-        self._process = os.getpid()
-        self._end = weakref.finalize(self, _end, memory, self._low, self._process)
+        self._lease = Lease(self._memory, self._low, self._period, thread=self._thread)
 
     def stop(self) -> None:
         """Stop the loop after the plan that is being made; do nothing if it does not run.
 
         The receding horizon goes on from its last plan, and the low level follows the plan that acted.
         """
-        if self._end is not None:
-            self._end()
+        if self._lease is not None:
+            self._lease.end()
 
     def __enter__(self) -> Loop:
         self.start()
@@ -158,7 +110,7 @@ class Loop:
             )
 
     def control(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
-        """Return the low level's control of a state (nx,) measured at time t [s], (nu,); see :class:`Vwbc`.
+        """Return the low level's control of a state (nx,) measured at time t [s], (nu,); see :class:`LowLevel`.
 
         Args:
             x: measured state in the world (nx,).
@@ -166,8 +118,8 @@ class Loop:
             contacts: measured contact flags (nf,), if the low level measures contacts.
 
         Raises:
-            ProblemError: the last plan that was asked for would begin outside the motion, or time goes back. The plan
-                before goes on.
+            ProblemError: the last plan that was asked for should act now, and would begin outside the motion; or time
+                goes back. The plan before goes on.
             ShapeError: the state has another size than the plan's, or there are not nf flags.
             SolverError: the loop does not run, or contacts are not given as the low level needs them.
         """
@@ -200,6 +152,11 @@ class Loop:
         return int(self._memory.c.taken)
 
     @property
+    def planning_seconds(self) -> float:
+        """Time of the processor for plans that were made within the last tick [s]; 0 if a thread makes them."""
+        return float(self._memory.c.within)
+
+    @property
     def acting(self) -> ActingPlan | None:
         """What is known of the plan that acts; None before the first one since the start."""
         if not self.taken:
@@ -221,9 +178,10 @@ class Loop:
     # ---- errors
 
     def _check_runs(self) -> None:
-        if not self.is_running:
+        lease = self._lease
+        if lease is None or not lease.is_on:
             raise SolverError("loop: it does not run - got a call before start() or after stop(); start it first")
-        if self._thread and self._process != os.getpid():
+        if self._thread and not lease.is_here:
             raise SolverError(
                 "loop: its thread is in another process - got a call after a fork, expected one in the process that "
                 "started it; call stop(), then start() in this process, which begins with a new plan"
@@ -243,25 +201,3 @@ def time_goes_back(t: float, last: float) -> ProblemError:
         f"receding horizon: time goes back - got {t:g} s after {last:g} s, expected a later time; call reset() before "
         "another episode"
     )
-
-
-def _end(memory: LoopMemory, low: Vwbc, process: int) -> None:
-    """Stop a loop, and give back what it has."""
-    planner, c = memory.planner, memory.c
-    forked = process != os.getpid()
-    if forked:
-        c.thread = None  # there is no such thread in this process
-    memory.library.loop_stop(memory.address)
-    memory.low.tick_by_itself()
-    planner.memory.tables.commands[:] = memory.told
-    planner.told = planner.memory.tables.commands
-    acting = c.plans.acting
-    followed = planner.copy(memory.places[acting]) if c.taken else None
-    if forked:
-        planner.reset()  # its memory may be half written
-    elif c.newest == acting and followed is not None:
-        planner.go_on_from(followed)
-    elif c.newest < PLACES:
-        planner.go_on_from(planner.copy(memory.places[c.newest]))
-    if followed is not None:
-        low.follow(followed)

@@ -39,8 +39,9 @@ class LoopStruct(ct.Structure):
         ),
         ("measured_at", ct.c_double * PLACES), ("seconds", ct.c_double * PLACES), ("plans", _Handover),
         *fields(
-            (ct.c_int, "work fault unusable"), (_P, "thread"), (ct.c_uint, "newest"), (ct.c_double, "now next due"),
-            (ct.c_int, "ready waits open skipped"), (ct.c_long, "asked missed taken"),
+            (ct.c_int, "work failed unusable"), (_P, "thread"), (ct.c_uint, "newest"),
+            (ct.c_double, "now next due within"), (ct.c_int, "fault ready waits open skipped"),
+            (ct.c_long, "asked missed taken"),
         ),
     ]  # fmt: skip
 

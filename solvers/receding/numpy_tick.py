@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.errors import ProblemError
 from piaffe.ocp import SAME_TIME, CompiledProblem, Course, Horizon, is_same_time
 
 from ..ilqr import Iterate, Options, ProblemFunctions, Run, Sweep, move, sweeps_of
@@ -75,12 +77,16 @@ class NumpyTick:
         """Return the plan that begins at time t [s] with a state in the world (nx,)."""
         horizon, last = self.horizon, self.plan
         began = time.perf_counter()
-        before, earlier = self.course, self.clock.shift
+        before, earlier = self.course, copy(self.clock)
         begin = round(t / horizon.dt) * horizon.calendar.steps[0]
         self.clock.retime(x, begin, None if before is None else before.tick)
-        shift, same = self.clock.seconds, self.clock.shift == earlier
+        shift, same = self.clock.seconds, self.clock.shift == earlier.shift
         t -= shift
-        course = horizon.begin(x, t, commands) if before is None else horizon.advance(before, x, t, commands)
+        try:
+            course = horizon.begin(x, t, commands) if before is None else horizon.advance(before, x, t, commands)
+        except ProblemError:
+            self.clock = earlier  # no plan, so its state has not moved the clock
+            raise
         start = self._arrived(course, horizon.local(course, x), course.tick)
         problem = horizon.at(course, start)
         numbers = time.perf_counter()

@@ -12,7 +12,7 @@ from piaffe.errors import SolverError
 from piaffe.ocp import SAME_TIME, Horizon, Problem
 
 from ..ilqr import Backend, Fixed, Options
-from ..tracking import Vwbc
+from ..tracking import LowLevel
 from .loop import Loop, time_goes_back
 from .memory import RecedingMemory
 from .native_tick import NativeTick
@@ -71,11 +71,7 @@ class RecedingHorizon:
                 f"receding horizon: period is out of range - got {period:g} s, expected a multiple of the first "
                 f"model's time step {horizon.dt:g} s; change one"
             )
-        if not 0 <= latency <= period + SAME_TIME:
-            raise SolverError(
-                f"receding horizon: latency is out of range - got {latency:g} s, expected 0 to the period, "
-                f"{period:g} s; change one, because a planner makes one plan at a time"
-            )
+        _check_latency(latency, period)
         self.period, self.iterations, self.latency = period, iterations, latency
         self.first_iterations, self.backend = first_iterations, backend
         fixed = (barrier or Fixed(0.05, 0.1)).options(options or Options(penalty=1000.0))
@@ -152,7 +148,7 @@ class RecedingHorizon:
         self._last_start = plan.start
         return plan
 
-    def running(self, low: Vwbc, *, thread: bool = True) -> Loop:
+    def running(self, low: LowLevel, *, thread: bool = True, latency: float | None = None) -> Loop:
         """Return a loop of this receding horizon and a low level, which the caller starts.
 
         ``with mpc.running(low) as loop`` starts and stops it; ``loop.control(x, t)`` is the control.
@@ -160,12 +156,15 @@ class RecedingHorizon:
         Args:
             low: the low level, made for a plan of this horizon: ``Vwbc(mpc.plan(mpc.initial, 0.0))``.
             thread: whether plans are made in a thread of their own; else within the tick, which then waits for them.
+            latency: from a state to the first effect of its plan [s]; by default, and at least, that of the plans.
 
         Raises:
             SolverError: horizon or low level are not compiled, the low level is not for plans of this horizon, or the
-                latency is zero, so that there is no time for plans in a thread.
+                latency is zero, so that there is no time for plans in a thread, or more than the period.
         """
-        return Loop(self._native, low, self.period, self.latency, thread=thread)
+        if latency is not None:
+            _check_latency(latency, self.period)
+        return Loop(self._native, low, self.period, max(self.latency, latency or 0.0), thread=thread)
 
     def _planned(self, state: Array, t: float) -> Plan:
         if self._native is not None:
@@ -175,6 +174,14 @@ class RecedingHorizon:
         state = self._numpy.predicted(state, t, start)
         iterations = self.iterations if self._numpy.began else self.first_iterations
         return self._numpy(state, start, t, iterations, self._commands)
+
+
+def _check_latency(latency: float, period: float) -> None:
+    if not 0 <= latency <= period + SAME_TIME:
+        raise SolverError(
+            f"receding horizon: latency is out of range - got {latency:g} s, expected 0 to the period, "
+            f"{period:g} s; change one, because a planner makes one plan at a time"
+        )
 
 
 def _check(iterations: int, first_iterations: int, budget_s: float | None, backend: str) -> None:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from .contacts import Contacts
 from .gains import JointPD
-from .low_level import LowLevel
+from .low_level import Backend, LowLevel
+from .memory import Law
 from .plan import CONTACT, PlanStage, StagedPlan
 
 Array = NDArray[np.float64]
@@ -17,6 +18,8 @@ Array = NDArray[np.float64]
 
 class Riccati(LowLevel):
     """The solver's feedback, u = ū + K (x ⊖ x̄); see :class:`LowLevel`."""
+
+    law = Law.FEEDBACK
 
     def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
         control: Array = at.u + at.feedback @ deviation
@@ -35,7 +38,10 @@ class FeedforwardPD(LowLevel):
         damping: of the last resort [Nm s/rad].
         contacts: ``"schedule"``, ``"measured"`` or settings, see :class:`LowLevel`.
         contact_slot: slot of the models with the contact flags.
+        backend: ``"native"``: the whole tick in C; ``"numpy"`` is the readable reference, also without a compiler.
     """
+
+    law = Law.FEEDFORWARD
 
     def __init__(
         self,
@@ -48,9 +54,12 @@ class FeedforwardPD(LowLevel):
         damping: float = 1.0,
         contacts: Contacts = "schedule",
         contact_slot: str = CONTACT,
+        backend: Backend = "native",
     ) -> None:
         gains = JointPD(kp, kd, in_stance, contact_of)
-        super().__init__(plan, gains=gains, damping=damping, contacts=contacts, contact_slot=contact_slot)
+        super().__init__(
+            plan, gains=gains, damping=damping, contacts=contacts, contact_slot=contact_slot, backend=backend
+        )
 
     def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
         return at.u

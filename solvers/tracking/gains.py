@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ShapeError, SolverError
 from piaffe.ocp import LoweredMode
+
+from .components import driven
 
 Array = NDArray[np.float64]
 
@@ -92,28 +93,3 @@ class JointPD:
         on = (index >= 0) & (np.append(in_contact, 0.0)[index] > 0.5)
         scale = np.where(on, self.in_stance, 1.0)
         return -scale * (kp * deviation[joints.position] + kd * deviation[joints.velocity])
-
-
-class Driven(NamedTuple):
-    """The slices, in the tangent of the state, of the positions and velocities that the controls drive."""
-
-    position: slice
-    velocity: slice
-
-
-def driven(mode: LoweredMode) -> Driven:
-    """Return the positions and velocities with the labels of the controls.
-
-    Raises:
-        SolverError: the state has no such velocities.
-    """
-    labels = tuple(label for block in mode.model.control.blocks for label in block.labels)
-    for block in mode.state.blocks:
-        if block.rate_of is not None and block.labels == labels:
-            slices = mode.state.tangent_slices
-            return Driven(slices[block.rate_of], slices[block.quantity])
-    names = ", ".join(label.strip() for label in mode.model.control.labels)
-    raise SolverError(
-        f"joint gains, model '{mode.model.name}': the state has no velocities of the controls - got controls {names}, "
-        "expected a block of the state with these labels that is the rate of another; leave the gains out"
-    )

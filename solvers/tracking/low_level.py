@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ShapeError, SolverError, UnknownNameError
-from piaffe.ocp import ORIGIN, LoweredMode, Manifold, transform_state
+from piaffe.errors import ShapeError, SolverError
+from piaffe.ocp import ORIGIN, LoweredMode, transform_state
 
+from .components import damped, kept
 from .contacts import ContactFilter, Contacts, contact_settings, count_contacts, readings, scheduled_soon
 from .gains import JointPD
+from .memory import Law, NativeTick
+from .native import tick_library
 from .plan import CONTACT, PlanStage, StagedPlan, contacts_at, followed, modes_of, place_at, stage_at
 from .rows import ControlRows
 
 Array = NDArray[np.float64]
+Backend = Literal["native", "numpy"]
 
 
 class LowLevel(ABC):
@@ -34,13 +39,17 @@ class LowLevel(ABC):
         contacts: ``"schedule"``: the plan's; ``"measured"`` or settings: flags that are given at every tick,
             ``control(x, t, flags)``, merged with the plan's, see :class:`MeasuredContacts`.
         contact_slot: slot of the models with the contact flags.
+        backend: ``"native"``: the whole tick in C; ``"numpy"`` is the readable reference, also without a compiler.
 
     Raises:
         UnknownNameError: no state of the plan has such a component.
-        SolverError: gains are given, and the state has no velocities of the controls; contacts are measured, or gains
-            depend on them, and the models have no such flags.
+        SolverError: the backend is unknown; gains are given, and the state has no velocities of the controls; contacts
+            are measured, or gains depend on them, and the models have no such flags.
         ShapeError: another number of gains than of controls.
     """
+
+    law: ClassVar[Law]
+    """What C returns before gains and bounds; :meth:`_control` is the same in NumPy."""
 
     def __init__(
         self,
@@ -51,7 +60,12 @@ class LowLevel(ABC):
         damping: float = 1.0,
         contacts: Contacts = "schedule",
         contact_slot: str = CONTACT,
+        backend: Backend = "native",
     ) -> None:
+        if backend not in ("native", "numpy"):
+            raise SolverError(
+                f"{type(self).__name__}: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one"
+            )
         self.plan, self.gains, self.damping, self.contact_slot = plan, gains, damping, contact_slot
         self._name, self._modes = type(self).__name__, modes_of(plan)
         self._known = frozenset(self._modes)
@@ -66,8 +80,9 @@ class LowLevel(ABC):
             for mode in self._modes:
                 gains.numbers(mode, self._num_contacts)
         self._filter = None if self._settings is None else ContactFilter(self._settings, self._num_contacts)
-        self._in_contact = np.zeros(self._num_contacts)
+        self._in_contact, self._shape = np.zeros(self._num_contacts), (self._modes[0].state.nx,)
         self.ticks = self.damped = 0
+        self._tick = self._native() if backend == "native" else None
 
     @property
     def measures_contacts(self) -> bool:
@@ -77,7 +92,29 @@ class LowLevel(ABC):
     @property
     def in_contact(self) -> Array:
         """Which points counted as in contact in the last tick, (nf,); empty if the models have no such flags."""
-        return self._in_contact.copy()
+        return (self._in_contact if self._tick is None else self._tick.in_contact).copy()
+
+    @property
+    def backend(self) -> Backend:
+        """The implementation in use; ``"numpy"`` also without a compiler."""
+        return "numpy" if self._tick is None else "native"
+
+    @property
+    def compiled(self) -> NativeTick | None:
+        """The tick in C; None for the readable reference."""
+        return self._tick
+
+    def _native(self) -> NativeTick | None:
+        """Return the tick in C with the plan in its memory; None if no compiler works."""
+        library = tick_library(self._modes, self.rows)
+        if library is None:
+            return None
+        tick = NativeTick(
+            library, self._modes, self._kept, gains=self.gains, measured=self._settings,
+            num_contacts=self._num_contacts, contact_slot=self.contact_slot, damping=self.damping, law=self.law,
+        )  # fmt: skip
+        tick.follow(self.plan)
+        return tick
 
     def contacts(self, t: float) -> Array:
         """Return the plan's contact flags at time t [s], (nf,).
@@ -85,15 +122,20 @@ class LowLevel(ABC):
         Raises:
             UnknownNameError: the model at this time has no such slot.
         """
-        return contacts_at(self.plan, t, self.contact_slot)
+        if self._tick is None or self._num_contacts == 0:
+            return contacts_at(self.plan, t, self.contact_slot)
+        return self._tick.contacts(t)  # of the plan that acts, also while a loop makes the plans
 
     def follow(self, plan: StagedPlan) -> None:
-        """Follow another plan with the same modes from now on; nothing is compiled.
+        """Follow another plan with the same modes from now on; nothing is compiled, and no array is copied.
 
         Raises:
             SolverError: the plan has a mode that the first one does not have.
+            ShapeError: an array has another size than its mode's.
         """
         self._check_modes(plan)
+        if self._tick is not None:
+            self._tick.follow(plan)
         self.plan = plan
 
     def _in_plan(self, x: ArrayLike) -> Array:
@@ -119,6 +161,22 @@ class LowLevel(ABC):
             ShapeError: the state has another size than the plan's at this time, or there are not nf flags.
             SolverError: contacts are measured and not given, or given and not measured.
         """
+        state, tick = np.asarray(x, dtype=float), self._tick
+        if tick is None or state.shape != self._shape:
+            return self._readable(state, t, contacts)
+        return self._ticked(tick, state, t, contacts)
+
+    def _ticked(self, tick: NativeTick, x: Array, t: float, contacts: ArrayLike | None) -> Array:
+        """Return :meth:`control` in C."""
+        if contacts is not None or self._settings is not None:
+            tick.readings[:] = self._readings(contacts)
+        u = tick(x, t)
+        self.ticks += 1
+        self.damped += tick.outcome.damped
+        return u
+
+    def _readable(self, x: Array, t: float, contacts: ArrayLike | None) -> Array:
+        """Return :meth:`control` in NumPy."""
         state, at = self._in_plan(x), stage_at(self.plan, t)
         if state.shape != at.x.shape:
             raise ShapeError(
@@ -136,7 +194,7 @@ class LowLevel(ABC):
             if np.isfinite(u).all():
                 return self._in_world(at.mode, u)
         self.damped += 1
-        return self._in_world(at.mode, self.bounded(at, at.x, self._damp(at.mode, np.asarray(x, dtype=float))))
+        return self._in_world(at.mode, self.bounded(at, at.x, damped(at.mode, x, self.damping)))
 
     def __call__(self, x: ArrayLike, t: float, contacts: ArrayLike | None = None) -> Array:
         """Return :meth:`control`."""
@@ -183,25 +241,3 @@ class LowLevel(ABC):
         phases = followed(self.plan)
         soon = scheduled_soon(phases, place_at(phases, t), t + self._settings.early, self.contact_slot)
         return self._filter(measured, at.p[at.mode.layout.slots[self.contact_slot]], soon, t)
-
-    def _damp(self, mode: LoweredMode, x: Array) -> Array:
-        """Return −damping v of the joints; zero for speeds that are not finite or that the state does not have."""
-        u = np.zeros(mode.nu)
-        labels = tuple(label for block in mode.model.control.blocks for label in block.labels)
-        for block in mode.state.blocks:
-            if block.rate_of is not None and block.labels == labels:
-                speed = x[mode.state.slices[block.quantity]]
-                u = -self.damping * np.where(np.isfinite(speed), speed, 0.0)
-        return u
-
-
-def kept(space: Manifold, leave_out: Sequence[str], where: str) -> Array:
-    """Return 0 for the components of the tangent that are left out, 1 for the others (ndx,)."""
-    names = [label.strip() for label in space.labels]
-    flags = np.ones(space.ndx)
-    for name in leave_out:
-        own = [i for i, label in enumerate(names) if label == name or label.startswith(f"{name} ")]
-        if not own:
-            raise UnknownNameError(where, "component of the state", name, names)
-        flags[own] = 0.0
-    return flags

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes as ct
 from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -39,8 +40,16 @@ class _LowLevel(ct.Structure):
         *((name, ct.c_void_p) for name in ("plan", "modes", "contacts", "changed", "kp", "kd", "contact_of")),
         *((name, ct.c_void_p) for name in ("in_contact",)),
         *((name, ct.c_double) for name in ("in_stance", "damping", "gradient")),
-        *((name, ct.c_int) for name in ("num_changed", "new_masks", "num_contacts", "gains")),
+        *((name, ct.c_int) for name in ("num_changed", "new_masks", "num_contacts", "gains", "law")),
     ]
+
+
+class Law(IntEnum):
+    """What a low level returns before gains and bounds; see ``tick.h``."""
+
+    ACTION_VALUE = 0
+    FEEDBACK = 1
+    FEEDFORWARD = 2
 
 
 class Outcome(ct.Structure):
@@ -48,7 +57,8 @@ class Outcome(ct.Structure):
 
     _fields_ = [
         ("status", ct.c_int), ("iterations", ct.c_int), ("damped", ct.c_int), ("mode", ct.c_int),
-        ("num_active", ct.c_int), ("active", ct.c_void_p), ("nominal", ct.c_void_p), ("recorded", ct.c_void_p),
+        ("num_active", ct.c_int), ("excess", ct.c_double), ("active", ct.c_void_p), ("nominal", ct.c_void_p),
+        ("recorded", ct.c_void_p),
     ]  # fmt: skip
 
 
@@ -64,7 +74,7 @@ class NativeTick:
         num_contacts: number of contact flags; 0 for none.
         contact_slot: slot with the contact flags.
         damping: of the last resort.
-        gradient: factor of Q_u.
+        law: what the low level returns before gains and bounds.
     """
 
     def __init__(
@@ -78,7 +88,7 @@ class NativeTick:
         num_contacts: int,
         contact_slot: str,
         damping: float,
-        gradient: float,
+        law: Law,
     ) -> None:
         self._modes, self._plan = tuple(modes), PlanMemory(modes)
         self._kept = [np.ascontiguousarray(kept[mode]) for mode in modes]
@@ -101,7 +111,8 @@ class NativeTick:
             plan=self._plan.address, modes=ct.addressof(self._own),
             contacts=None if measured is None else ct.addressof(self._contacts),
             in_contact=self.in_contact.ctypes.data, in_stance=1.0 if gains is None else gains.in_stance,
-            num_contacts=num_contacts, gains=int(gains is not None), damping=damping, gradient=gradient,
+            num_contacts=num_contacts, gains=int(gains is not None), damping=damping, gradient=1.0,
+            law=int(law),
         )  # fmt: skip
         self._low.kp, self._low.kd, self._low.contact_of = (part.ctypes.data for part in self._gains)
         most = max(len(mode.rows["stage_g"]) for mode in modes)
@@ -148,12 +159,22 @@ class NativeTick:
             target.changed_at = place.ctypes.data
         self._low.changed, self._low.num_changed, self._low.new_masks = values.ctypes.data, len(values), int(masks)
 
+    def weigh_gradient(self, factor: float) -> None:
+        """Set the factor of Q_u in the following ticks; it is 1 at first."""
+        self._low.gradient = factor
+
     def __call__(self, x: Array, t: float) -> Array:
         """Return the control of a state (nx,) at a time [s], (nu,); ``outcome`` and ``active`` tell of it."""
         state, control, outcome = self._given
         self._x[:] = x
         self._call(self._first, state, t, control, outcome)
         return self._u.copy()
+
+    def contacts(self, t: float) -> Array:
+        """Return the flags of the plan that is followed at a time [s], (nf,)."""
+        flags = np.zeros(self._low.num_contacts)
+        self._library.piaffe_scheduled(self.address, t, flags.ctypes.data)
+        return flags
 
     def tick_through(self, function: Any, address: int, owner: object) -> None:
         """Let other C call the tick.

@@ -13,6 +13,7 @@ from piaffe.codegen import SOLVER_FLAGS, LoadedLibrary, NoCompilerError, build, 
 from piaffe.ocp import LoweredMode, moved_symbols
 
 from ..ilqr import constants_header
+from .components import driven, rates
 from .rows import ControlRows
 
 _TABLE = "static const int __attribute__((unused))"
@@ -41,16 +42,18 @@ def _library(modes: tuple[LoweredMode, ...]) -> LoadedLibrary:
     made = generate(functions)
     template = files(__package__).joinpath("template")
     texts = {name: template.joinpath(name).read_text(encoding="utf-8") for name in (*_HEADERS, "tick.c")}
-    dual = files("piaffe.solvers.qp").joinpath("template", "dual.c").read_text(encoding="utf-8")
+    qp = files("piaffe.solvers.qp").joinpath("template")
+    programs = {name: qp.joinpath(name).read_text(encoding="utf-8") for name in ("dual.c", "elastic.inc")}
     names = [f"tick{i}_tick" for i in range(len(modes))]
     parts = [_kernel(i, rows, made.work) for i, rows in enumerate(every)]
     unit = texts["tick.c"].replace("TICK_PROTOTYPES", "\n".join(parts)).replace("TICK_FUNCTIONS", ", ".join(names))
-    headers = {**made.headers, **{name: texts[name] for name in _HEADERS}, "dual.c": dual}
+    headers = {**made.headers, **{name: texts[name] for name in _HEADERS}, **programs}
     headers["constants.h"] = constants_header()
     units = [*((each.name, each.text) for each in made.units), ("tick", unit)]
     loaded = load(build(units, headers=headers, flags_per_unit={"tick": SOLVER_FLAGS}, width=1, label="low level"))
-    loaded.piaffe_tick.restype = None
+    loaded.piaffe_tick.restype = loaded.piaffe_scheduled.restype = None
     loaded.piaffe_tick.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p, ct.c_void_p)
+    loaded.piaffe_scheduled.argtypes = (ct.c_void_p, ct.c_double, ct.c_void_p)
     return loaded
 
 
@@ -100,11 +103,10 @@ def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
     mode, nu = rows.mode, rows.mode.nu
     pattern = cs.sparsify(cs.vertcat(rows.by_g, rows.by_h)[:, nu:]).sparsity()
     speeds, position, velocity = -1, 0, 0
-    labels = tuple(label for block in mode.model.control.blocks for label in block.labels)
-    for block in mode.state.blocks:
-        if block.rate_of is not None and block.labels == labels:
-            speeds, slices = mode.state.slices[block.quantity].start, mode.state.tangent_slices
-            position, velocity = slices[block.rate_of].start, slices[block.quantity].start
+    block = rates(mode)
+    if block is not None:
+        speeds, (at, by) = mode.state.slices[block.quantity].start, driven(mode)
+        position, velocity = at.start, by.start
     sizes = {
         "NX": mode.state.nx, "NDX": mode.state.ndx, "NU": nu, "NZ": mode.nz, "NP": mode.layout.size,
         "NG": len(mode.rows["stage_g"]), "NH": len(mode.rows["stage_h"]), "KEPT_G": len(rows.g), "KEPT_H": len(rows.h),
@@ -113,7 +115,8 @@ def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
         "NUM_WORK": max(size for name, size in work.items() if name.startswith(f"tick{i}_")),
     }  # fmt: skip
     tables = {
-        "kept_g": rows.g, "kept_h": rows.h, "z_row": pattern.row(), "z_col": pattern.get_col(),
+        "kept_g": rows.g, "kept_h": rows.h, "soft_g": rows.soft.astype(int),
+        "z_row": pattern.row(), "z_col": pattern.get_col(),
         "bound_row": [rows.g.index(row) for row, _ in rows.bounds], "bound_control": [c for _, c in rows.bounds],
     }  # fmt: skip
     lines = [f"#define {name} {value}" for name, value in sizes.items()]

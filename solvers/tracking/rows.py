@@ -29,6 +29,7 @@ class Condensed:
         C: (k, nu).
         d: (k,).
         rows: index of each inequality among the mode's rows, (k,).
+        soft: whether each inequality depends on the implicit part, (k,).
     """
 
     z: Array
@@ -38,6 +39,7 @@ class Condensed:
     C: Array
     d: Array
     rows: NDArray[np.int_]
+    soft: NDArray[np.bool_]
 
 
 class ControlRows:
@@ -51,6 +53,7 @@ class ControlRows:
         not_affine: those of ``g`` that are not affine in u and z; they are linearised.
         bounds: (row, control) of the inequality rows that bound one control alone.
         left_out: indices of the inequality rows that depend on the state alone.
+        soft: for each row of ``g``, whether it depends on the implicit part: a limit on forces of contact.
     """
 
     def __init__(self, mode: LoweredMode) -> None:
@@ -79,6 +82,7 @@ class ControlRows:
             for i, own in sorted(columns.items())
             if len(own) == 1 and own[0] < nu and self.g[i] not in curved
         )
+        self.soft = np.array([max(columns.get(i, [0])) >= nu for i in range(len(self.g))], dtype=bool)
         every = len(mode.rows["stage_g"])
         self.left_out = tuple(i for i in range(every) if i not in set(self.g))
         self.symbols, self.by_g, self.by_h, self.values = (x, u, z, p), by_g, by_h, (found, found_h)
@@ -146,8 +150,9 @@ class ControlRows:
         g, h, g_u, g_z, h_u, h_z = (part[0] for part in self._rows(x[None], u[None], z[None], p[None]))
         use, hold = g_mask[list(self.g)] > 0, h_mask[list(self.h)] > 0
         return Condensed(
-            z, z_u, (h_u + h_z @ z_u)[hold], -h[hold], (g_u + g_z @ z_u)[use], -g[use], np.array(self.g, int)[use]
-        )
+            z, z_u, (h_u + h_z @ z_u)[hold], -h[hold], (g_u + g_z @ z_u)[use], -g[use], np.array(self.g, int)[use],
+            self.soft[use],
+        )  # fmt: skip
 
     def _solve(self, x: Array, u: Array, p: Array) -> tuple[Array, Array]:
         """Return z and ∂z/∂u; NaN if the equations have no solution."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,20 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import SolverError
 from piaffe.ocp import TIME_STEP, LoweredMode
 
-from ..qp import QpMethod, QpStatus, qp_method
+from ..qp import QpMethod, QpStatus, qp_method, solve_elastic
 from .contacts import Contacts
 from .gains import JointPD
-from .low_level import LowLevel
-from .memory import NativeTick
-from .native import tick_library
+from .low_level import Backend, LowLevel
+from .memory import Law
 from .plan import CONTACT, PlanStage, StagedPlan, stage_at
 from .program import Program, VwbcTick
 from .slots import Changes, slot_changes
 
 Array = NDArray[np.float64]
-Backend = Literal["native", "numpy"]
 
 _STATUSES = tuple(QpStatus)
+_FOUND = QpStatus.SOLVED, QpStatus.RELAXED
 
 
 class Vwbc(LowLevel):
@@ -45,7 +43,10 @@ class Vwbc(LowLevel):
     z is that of a step of length zero, the continuous dynamics at x: the torque acts at once, and a controller repeats
     its tick many times within a step of the plan.
 
-    If the program has no solution, the control is ū + K δx within the bounds of single controls.
+    If no control meets all rows, as when a foot that should stand slips or has not landed, the rows that depend on z
+    give way, all by the same least excess; rows of the control alone always hold. ``relaxed`` counts these ticks.
+    If there is still no solution, the control is ū + K δx within the bounds of single controls; ``fallbacks`` counts
+    these.
     ``statuses`` counts the results; ``last`` is the last tick. One controller serves one thread.
 
     After [Li2025CafeMpc], whose program has accelerations and forces as variables; here they are eliminated.
@@ -68,6 +69,8 @@ class Vwbc(LowLevel):
         SolverError: the method is unknown; gains or contacts do not fit the models.
     """
 
+    law = Law.ACTION_VALUE
+
     def __init__(
         self,
         plan: StagedPlan,
@@ -82,11 +85,10 @@ class Vwbc(LowLevel):
         step_feedforward: bool = True,
         backend: Backend = "native",
     ) -> None:
-        if backend not in ("native", "numpy"):
-            raise SolverError(f"vwbc: backend is unknown - got {backend!r}, expected 'native' or 'numpy'; choose one")
         super().__init__(
-            plan, leave_out=leave_out, gains=gains, damping=damping, contacts=contacts, contact_slot=contact_slot
-        )
+            plan, leave_out=leave_out, gains=gains, damping=damping, contacts=contacts, contact_slot=contact_slot,
+            backend="numpy" if backend == "native" and qp != "own" else backend,
+        )  # fmt: skip
         self._solve, self._gradient = qp_method(qp), 1.0 if step_feedforward else 0.0
         self._refuse_contacts(slots or {})
         self._changes: dict[LoweredMode, Changes] = {
@@ -95,8 +97,9 @@ class Vwbc(LowLevel):
         }
         self._new_masks = bool(slots) or self.measures_contacts
         self._measured: dict[LoweredMode, Changes] = {mode: [] for mode in self._modes}
-        self._tick = self._native() if backend == "native" and qp == "own" else None
-        self._shape = (self._modes[0].state.nx,)
+        if self._tick is not None:
+            self._tick.change(self._changes, self._new_masks)
+            self._tick.weigh_gradient(self._gradient)
         self._row_names = {
             mode: [plan.row_name(mode, "g", i) for i in range(len(mode.rows["stage_g"]))] for mode in self._modes
         }
@@ -126,43 +129,12 @@ class Vwbc(LowLevel):
     @property
     def fallbacks(self) -> int:
         """Number of ticks whose program had no solution."""
-        return sum(count for status, count in self.statuses.items() if status is not QpStatus.SOLVED)
+        return sum(count for status, count in self.statuses.items() if status not in _FOUND)
 
     @property
-    def backend(self) -> Backend:
-        """The implementation in use; ``"numpy"`` also without a compiler, and for other methods of the program."""
-        return "numpy" if self._tick is None else "native"
-
-    @property
-    def compiled(self) -> NativeTick | None:
-        """The tick in C; None for the readable reference."""
-        return self._tick
-
-    def _native(self) -> NativeTick | None:
-        """Return the tick in C with the plan in its memory; None if no compiler works."""
-        library = tick_library(self._modes, self.rows)
-        if library is None:
-            return None
-        tick = NativeTick(
-            library, self._modes, self._kept, gains=self.gains, measured=self._settings,
-            num_contacts=self._num_contacts, contact_slot=self.contact_slot, damping=self.damping,
-            gradient=self._gradient,
-        )  # fmt: skip
-        tick.change(self._changes, self._new_masks)
-        tick.follow(self.plan)
-        return tick
-
-    def follow(self, plan: StagedPlan) -> None:
-        """Follow another plan with the same modes from now on; nothing is compiled, and no array is copied.
-
-        Raises:
-            SolverError: the plan has a mode that the first one does not have.
-            ShapeError: an array has another size than its mode's.
-        """
-        self._check_modes(plan)
-        if self._tick is not None:
-            self._tick.follow(plan)
-        self.plan = plan
+    def relaxed(self) -> int:
+        """Number of ticks in which limits on contact forces gave way, because no control met all of them."""
+        return self.statuses[QpStatus.RELAXED]
 
     def _refuse_contacts(self, slots: Mapping[str, ArrayLike]) -> None:
         if self.measures_contacts and self.contact_slot in slots:
@@ -205,24 +177,15 @@ class Vwbc(LowLevel):
         if tick is None or state.shape != self._shape:
             self.last = VwbcTick(None, 0, ())
             return super().control(x, t, contacts)
-        if contacts is not None or self.measures_contacts:
-            tick.readings[:] = self._readings(contacts)
-        u, told = tick(state, t), tick.outcome
-        self.ticks += 1
-        self.damped += told.damped
+        u, told = self._ticked(tick, state, t, contacts), tick.outcome
         status = None if told.status < 0 else _STATUSES[told.status]
         if status is not None:
             self.statuses[status] += 1
             self.iterations[told.iterations] += 1
         rows = tick.active[: told.num_active]
         active = tuple(self._row_names[self._modes[told.mode]][i] for i in rows) if len(rows) else ()
-        self.last = VwbcTick(status, told.iterations, active)
+        self.last = VwbcTick(status, told.iterations, active, told.excess)
         return u
-
-    @property
-    def in_contact(self) -> Array:
-        """Which points counted as in contact in the last tick, (nf,); empty if the models have no such flags."""
-        return (self._in_contact if self._tick is None else self._tick.in_contact).copy()
 
     def program(self, x: ArrayLike, t: float) -> Program:
         """Return the quadratic program of a measured state (nx,) at time t [s], in the frame of the plan."""
@@ -232,7 +195,7 @@ class Vwbc(LowLevel):
     def _program(self, at: PlanStage, x: Array, deviation: Array) -> Program:
         rows = self.rows[at.mode](x, at.u, *self._numbers(at))
         slope = self._gradient * at.Q_u + at.Q_ux @ deviation
-        return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows)
+        return Program(at.Q_uu, slope, rows.A, rows.b, rows.C, rows.d, rows.rows, rows.soft)
 
     def _numbers(self, at: PlanStage) -> tuple[Array, Array, Array]:
         p = at.p.copy()
@@ -247,9 +210,9 @@ class Vwbc(LowLevel):
 
     def _control(self, at: PlanStage, x: Array, deviation: Array) -> Array:
         made = self._program(at, x, deviation)
-        result = self._solve(made.H, made.g, made.A, made.b, made.C, made.d, None)
+        result = solve_elastic(self._solve, made.H, made.g, made.A, made.b, made.C, made.d, made.soft)
         self.statuses[result.status] += 1
         self.iterations[result.iterations] += 1
         active = tuple(self._row_names[at.mode][i] for i in made.rows[result.active])
-        self.last = VwbcTick(result.status, result.iterations, active)
-        return at.u + (result.x if result.status is QpStatus.SOLVED else at.feedback @ deviation)
+        self.last = VwbcTick(result.status, result.iterations, active, result.excess)
+        return at.u + (result.x if result.status in _FOUND else at.feedback @ deviation)

@@ -1,8 +1,6 @@
 """Gaits as functions of time and command, against the gaits in NumPy."""
 
 from dataclasses import replace
-from functools import cache
-from itertools import takewhile
 from pathlib import Path
 
 import casadi as cs
@@ -15,6 +13,7 @@ from piaffe.models import base, feet, gaits, joints, stance
 from piaffe.models.gaits.base_path import BasePath
 from piaffe.models.gaits.path_expression import PathExpression
 from piaffe.ocp import rotation
+from tests.gaits import GaitPair, begin_state, disturbed, model_of
 from tests.robots import ROBOTS
 
 GAITS = ("bound", "pace", "flying_pace", "trot", "flying_trot", "pronk", "walk")
@@ -25,135 +24,10 @@ KINDS = (models.WholeBody, models.SingleRigidBody)
 LARGE = 1e5  # entries of rows above this stand for infinite times
 
 
-@cache
-def robot_of(name):
-    if name == "biped":
-        return models.load(Path(__file__).parents[2] / "examples" / "biped.urdf", feet="L_FOOT R_FOOT")
-    return models.load(name)
-
-
-@cache
-def model_of(name, kind=models.WholeBody):
-    return kind(robot_of(name))
-
-
-def begin_state(model, rng):
-    state = {
-        "position": (*rng.uniform(-2, 2, 2), 0.97 * model.robot.base_height("stand")),
-        "rpy": (*rng.uniform(-0.05, 0.05, 2), rng.uniform(-3, 3)),
-        "linear_velocity": (*rng.uniform(-0.2, 0.2, 2), 0.0),
-        "angular_velocity": (0.0, 0.0, rng.uniform(-0.3, 0.3)),
-    }
-    return model.state(**state)
-
-
-class Pair:
-    """A gait in NumPy and its functions, begun at a state; some numbers are random."""
-
-    def __init__(self, model, motion, rng, x=None):
-        self.model, self.motion = model, motion
-        x = begin_state(model, rng) if x is None else x
-        self.numpy = motion.bind((model,), model.state.unpack(x)).placed[0].reference
-        self.functions = self.numpy.functions()
-        self.intervals = list(takewhile(lambda interval: interval.start < 40.0, motion.intervals()))
-        self.memory = self.functions.begin(self.functions.start(x), self.functions.command)
-
-    @staticmethod
-    def random(model, gait, rng, **options):
-        slow = 0.4 if model.robot.base_height("stand") < 0.26 else 1.0
-        command = {
-            "speed": slow * rng.uniform(-0.3, 0.6),
-            "lateral_speed": slow * rng.uniform(-0.15, 0.15),
-            "yaw_rate": slow * rng.uniform(-0.8, 0.8),
-            "ramp": rng.choice([0.0, 0.3, 1.0, 2.0]),
-            "intro": rng.choice([0.0, 0.05]),
-            **options,
-        }
-        return Pair(model, getattr(gaits, gait)(**command), rng)
-
-    def phase(self, t):
-        return next(i for i in reversed(self.intervals) if i.start <= t + ocp.SAME_TIME)
-
-    def row(self, interval, now):
-        return interval.start - now, self.functions.schedule(interval.index)
-
-    def sample(self, t, interval, now=0.0):
-        values = self.functions.sample(t - now, self.memory, *self.row(interval, now)).full().ravel()
-        ends = np.cumsum([size for _, size in self.functions.quantities])
-        return dict(zip([q for q, _ in self.functions.quantities], np.split(values, ends[:-1]), strict=True))
-
-    def advance(self, now, dt, x, interval, command=None):
-        """Go from now to now + dt; interval is a phase at the latter time."""
-        command = self.functions.command if command is None else command
-        self.memory = self.functions.advance(self.memory, dt, x, command, *self.row(interval, now + dt))
-
-    def expected(self, t, interval):
-        sample = {quantity: values[0] for quantity, values in self.numpy.samples(np.array([t])).items()}
-        sample[feet.force] = self.numpy.sample(t, interval.index)[feet.force]
-        return sample
-
-    def check(self, t, interval, now=0.0):
-        """Compare all targets at a time; angles with the exact solution, if there is one."""
-        got, expected = self.sample(t, interval, now), self.expected(t, interval)
-        assert list(got) == list(expected)
-        for quantity, value in got.items():
-            wanted = np.ravel(expected[quantity])
-            if quantity is base.orientation:
-                value = value * np.sign(value @ wanted)
-            if quantity not in (joints.position, joints.velocity):
-                assert value == pytest.approx(wanted, abs=1e-9), f"{quantity} at {t}"
-            assert np.isfinite(value).all()
-        legs, place = self.numpy.kinematics, expected[feet.position].reshape(-1, 3)
-        pose = expected[base.position], expected[base.orientation]
-        angles, miss = legs.world_inverse(*pose, place, tolerance=1e-14)
-        if miss.max() > 1e-12:
-            return 0
-        assert got[joints.position] == pytest.approx(angles, abs=1e-9), f"angles at {t}"
-        inward = rotation.np_matrix(pose[1]).T
-        arms = (place - pose[0]) @ inward.T
-        speeds = expected[feet.velocity].reshape(-1, 3) - expected[base.linear_velocity]
-        relative = speeds @ inward.T - np.cross(expected[base.angular_velocity], arms)
-        rates = legs.joint_velocities(angles[None], relative[None])[0]
-        assert got[joints.velocity] == pytest.approx(rates, abs=1e-9 * max(1.0, np.abs(rates).max())), f"rates at {t}"
-        return 1
-
-    def some_time(self, rng, first, last):
-        """Return a time, now and then on a boundary, and a phase on one of its sides."""
-        t = rng.uniform(first, last)
-        if rng.uniform() < 0.3:
-            t = max(self.phase(t).start, first)
-        interval = self.phase(t)
-        if rng.uniform() < 0.5 and abs(t - interval.start) < 1e-12 and interval.index:
-            interval = self.intervals[interval.index - 1]
-        return t, interval
-
-
-def disturbed(pair, t, rng):
-    """Return a state near the reference at time t, and the same as a sample with measured feet."""
-    sample, state = pair.numpy.samples(np.array([t])), pair.model.state
-    position = sample[base.position][0] + 0.01 * rng.normal(size=3)
-    turn = rotation.np_exp(0.03 * rng.normal(size=3))
-    values = {
-        base.position: position,
-        base.orientation: rotation.np_multiply(sample[base.orientation][0], turn),
-        joints.position: sample[joints.position][0] + 0.02 * rng.normal(size=pair.model.robot.num_joints),
-        base.linear_velocity: sample[base.linear_velocity][0] + 0.1 * rng.normal(size=3),
-        base.angular_velocity: rng.normal(size=3),
-        joints.velocity: sample[joints.velocity][0],
-    }
-    x = np.concatenate([values[block.quantity] for block in state.blocks])
-    actual = dict(state.unpack(x))
-    if joints.position in actual:
-        actual[feet.position] = pair.numpy.kinematics.world_feet(
-            position, actual[base.orientation], actual[joints.position]
-        ).ravel()
-    return x, actual
-
-
 @pytest.mark.parametrize(("robot", "gait"), CASES)
 def test_functions_of_a_gait_are_the_gait(robot, gait):
     rng = np.random.default_rng([CASES.index((robot, gait)), 1])
-    pair, exact = Pair.random(model_of(robot), gait, rng), 0
+    pair, exact = GaitPair.random(model_of(robot), gait, rng), 0
     for _ in range(30):
         exact += pair.check(*pair.some_time(rng, 0.0, rng.choice([0.5, 3.0, 39.0])))
     assert exact > 22  # the feet are within reach
@@ -164,7 +38,7 @@ def test_functions_of_a_gait_are_the_gait(robot, gait):
 def test_a_gait_that_advances_is_the_anchored_gait(robot, gait, kind):
     """Again and again, at ticks, over whole stances, to boundaries; from a stance, from a swing, from flight."""
     rng = np.random.default_rng([GAITS.index(gait), KINDS.index(kind)])
-    pair, now, exact = Pair.random(model_of(robot, kind), gait, rng), 0.0, 0
+    pair, now, exact = GaitPair.random(model_of(robot, kind), gait, rng), 0.0, 0
     for _ in range(25):
         later, interval = pair.some_time(rng, now, now + rng.choice([0.02, 0.3, 0.9]))
         x, actual = disturbed(pair, later, rng)
@@ -178,7 +52,7 @@ def test_a_gait_that_advances_is_the_anchored_gait(robot, gait, kind):
 def test_single_rigid_body_begins_on_the_feet_of_the_standing_robot():
     rng = np.random.default_rng(0)
     model = model_of("go2", models.SingleRigidBody)
-    pair = Pair.random(model, "trot", rng, intro=0.05)
+    pair = GaitPair.random(model, "trot", rng, intro=0.05)
     x, start = (
         begin_state(model, np.random.default_rng(0)),
         pair.functions.start(begin_state(model, np.random.default_rng(0))),
@@ -199,7 +73,7 @@ def test_legs_may_have_a_sliding_joint(tmp_path):
         text = f'{head}<joint name="{side}_KFE" type="prismatic">{joint}</joint>{rest}'
     (tmp_path / "telescope.urdf").write_text(text)
     robot = models.load(tmp_path / "telescope.urdf", feet="L_FOOT R_FOOT")
-    pair = Pair.random(models.SingleRigidBody(robot), "pace", np.random.default_rng(0), speed=0.1, yaw_rate=0.1)
+    pair = GaitPair.random(models.SingleRigidBody(robot), "pace", np.random.default_rng(0), speed=0.1, yaw_rate=0.1)
     assert not pair.numpy.kinematics.groups[0].revolute.all()
     rng = np.random.default_rng(1)
     assert sum(pair.check(*pair.some_time(rng, 0.0, 5.0)) for _ in range(20)) > 15
@@ -210,7 +84,7 @@ def test_legs_may_have_a_sliding_joint(tmp_path):
 
 @pytest.mark.parametrize("gait", GAITS)
 def test_rows_repeat_from_the_second_repetition_on(gait):
-    pair = Pair.random(model_of("mini_cheetah"), gait, np.random.default_rng(0))
+    pair = GaitPair.random(model_of("mini_cheetah"), gait, np.random.default_rng(0))
     once, cycle = len(pair.motion.pieces[0].once), len(pair.motion.pieces[0].cycle)
     rows = [pair.functions.schedule(i) for i in range(once + 6 * cycle)]
     for i in range(once + 2 * cycle, len(rows) - cycle):
@@ -237,7 +111,7 @@ def test_feet_that_stand_or_fly_for_ever(phases):
     reference = models.gaits.GaitReference(speed=0.0, yaw_rate=0.0, ramp=0.3, height=0.24)
     motion = ocp.Motion(*(cycle or once), cyclic=bool(cycle), once=once if cycle else (), reference=reference)
     rng = np.random.default_rng(0)
-    pair = Pair(model_of("mini_cheetah"), motion, rng)
+    pair = GaitPair(model_of("mini_cheetah"), motion, rng)
     end = 0.75 if not cycle else 0.85
     for _ in range(40):
         t, interval = pair.some_time(rng, 0.0, end)
@@ -264,7 +138,7 @@ def test_feet_that_stand_or_fly_for_ever(phases):
 
 def test_the_memory_moves_with_a_planar_motion():
     rng = np.random.default_rng(3)
-    pair = Pair.random(model_of("mini_cheetah"), "flying_trot", rng)
+    pair = GaitPair.random(model_of("mini_cheetah"), "flying_trot", rng)
     now, motion = 0.37, (0.4, -1.3, 2.1)
     x, _ = disturbed(pair, now, rng)
     pair.advance(0.0, now, x, pair.phase(now))
@@ -305,7 +179,8 @@ def test_the_memory_moves_with_a_planar_motion():
 
 def test_an_hour_has_the_numbers_of_a_second():
     """In the frame of the base, a steady gait comes back to the same memory; turning, yaw stays within half a turn."""
-    pair = Pair.random(model_of("mini_cheetah"), "trot", np.random.default_rng(5), ramp=1.0, intro=0.0, yaw_rate=0.7)
+    rng, options = np.random.default_rng(5), {"ramp": 1.0, "intro": 0.0, "yaw_rate": 0.7}
+    pair = GaitPair.random(model_of("mini_cheetah"), "trot", rng, **options)
     functions, dt, turns = pair.functions, 0.25, pair.functions.command[2] * 0.25
     pair.memory = functions.move(pair.memory, (0.0, 0.0, -float(pair.memory[2])))
     at = pair.model.state(joints="stand")
@@ -332,7 +207,8 @@ def test_an_hour_has_the_numbers_of_a_second():
 
 
 def test_full_turns_do_not_pile_up():
-    pair = Pair.random(model_of("mini_cheetah"), "trot", np.random.default_rng(5), ramp=0.0, intro=0.0, yaw_rate=1.0)
+    rng, options = np.random.default_rng(5), {"ramp": 0.0, "intro": 0.0, "yaw_rate": 1.0}
+    pair = GaitPair.random(model_of("mini_cheetah"), "trot", rng, **options)
     functions, x = pair.functions, pair.model.state(joints="stand")
     for tick in range(1, 100):
         _, _, yaw = functions.pose(0.25, pair.memory).full().ravel()
@@ -346,7 +222,7 @@ def test_full_turns_do_not_pile_up():
 def changed():
     """A trot in whose ramp the command changes at a measured state on the path; before the change, after it."""
     rng = np.random.default_rng(2)
-    pair = Pair.random(model_of("mini_cheetah"), "trot", rng, speed=0.4, yaw_rate=0.5, ramp=1.2, height=0.25)
+    pair = GaitPair.random(model_of("mini_cheetah"), "trot", rng, speed=0.4, yaw_rate=0.5, ramp=1.2, height=0.25)
     now, state = 0.61, pair.model.state
     sample = pair.numpy.samples(np.array([now]))
     x = state.pack({block.quantity: sample[block.quantity][0] for block in state.blocks})
@@ -403,7 +279,7 @@ def test_a_gait_with_another_command_is_a_gait_bound_there(changed):
 
 
 def test_without_a_ramp_a_command_counts_at_once():
-    pair = Pair.random(model_of("mini_cheetah"), "trot", np.random.default_rng(1), ramp=0.0)
+    pair = GaitPair.random(model_of("mini_cheetah"), "trot", np.random.default_rng(1), ramp=0.0, heading_limit=0.0)
     x = pair.model.state(joints="stand")
     pair.advance(0.0, 0.2, x, pair.phase(0.2), (0.3, 0.0, 0.2, 0.22))
     s = pair.sample(0.2, pair.phase(0.2), 0.2)
@@ -412,7 +288,7 @@ def test_without_a_ramp_a_command_counts_at_once():
 
 
 def test_functions_stay_finite_whatever_they_are_given():
-    pair = Pair.random(model_of("mini_cheetah"), "bound", np.random.default_rng(1))
+    pair = GaitPair.random(model_of("mini_cheetah"), "bound", np.random.default_rng(1))
     functions, rng = pair.functions, np.random.default_rng(0)
     for scale in (0.0, 1.0, 30.0):
         m, x = scale * rng.normal(size=functions.num_memory), scale * rng.normal(size=pair.model.state.nx)
@@ -446,7 +322,7 @@ def test_a_gait_begins_at_the_end_of_another_reference():
 
 @pytest.mark.parametrize("known", [feet.position, joints.position, None])
 def test_feet_that_are_not_given_follow_from_the_joints_or_the_standing_pose(known):
-    pair, rng = Pair.random(model_of("go2"), "trot", np.random.default_rng(1)), np.random.default_rng(7)
+    pair, rng = GaitPair.random(model_of("go2"), "trot", np.random.default_rng(1)), np.random.default_rng(7)
     crouch = pair.model.robot.pose("crouch")
     sample = {
         joints.position: crouch, base.orientation: rotation.np_from_rpy(np.array([0.1, 0.2, 0.3])),
@@ -468,7 +344,7 @@ def test_feet_that_are_not_given_follow_from_the_joints_or_the_standing_pose(kno
 
 
 def test_a_start_without_a_base_is_an_error():
-    functions = Pair.random(model_of("go2"), "trot", np.random.default_rng(1)).functions
+    functions = GaitPair.random(model_of("go2"), "trot", np.random.default_rng(1)).functions
     with pytest.raises(
         ProblemError, match=r"gait: cannot begin at the end .* - got one without 'base.orientation', exp"
     ):
@@ -493,7 +369,7 @@ def test_the_way_is_the_integral_of_the_velocity_for_up_to_half_a_turn_in_the_ra
 
 
 def test_functions_have_a_form_in_c():
-    functions = Pair.random(model_of("anymal_c"), "walk", np.random.default_rng(1)).functions
+    functions = GaitPair.random(model_of("anymal_c"), "walk", np.random.default_rng(1)).functions
     names = ("start", "begin", "advance", "move", "sample", "pose")
     units = codegen.generate({f"gait_{name}": getattr(functions, name) for name in names})
     assert set(units.work) == {f"gait_{name}" for name in names}
@@ -501,7 +377,7 @@ def test_functions_have_a_form_in_c():
 
 
 def test_functions_that_do_not_fit_each_other_are_refused():
-    functions = Pair.random(model_of("go2"), "trot", np.random.default_rng(1)).functions
+    functions = GaitPair.random(model_of("go2"), "trot", np.random.default_rng(1)).functions
     with pytest.raises(ShapeError, match=r"'pose': wrong sizes - got inputs \(3,\) and output 3, expected \(1, 32\)"):
         replace(functions, pose=cs.Function("pose", [cs.SX.sym("t", 3)], [cs.SX.zeros(3)]))
     with pytest.raises(ShapeError, match=r"command: wrong size - got shape \(2,\), expected \(4,\)"):

@@ -284,6 +284,10 @@ def test_gait_errors_say_what_to_change(body):
         gaits.trot(ramp=-1.0)
     with pytest.raises(ProblemError, match=r"gait: speed is out of range - got nan, expected a finite number"):
         gaits.trot(float("nan"))
+    with pytest.raises(ProblemError, match=r"gait: heading_limit is out of range - got -0.1, expected 0 to π rad"):
+        gaits.trot(heading_limit=-0.1)
+    with pytest.raises(ProblemError, match=r"gait: heading_limit is out of range - got nan"):
+        gaits.trot(heading_limit=float("nan"))
     with pytest.raises(ProblemError, match=r"gait: no phases - got none, expected at least one"):
         gaits.gait()
     with pytest.raises(ProblemError, match=r"out of reach - got \d\.\d+ m too far at speed 4\.0 m/s.*lower the speed"):

@@ -58,7 +58,7 @@ def test_an_episode_against_the_real_clock_runs_a_loop_and_gives_all_back() -> N
 
 def test_low_levels_that_are_not_compiled_run_with_a_thread_of_python() -> None:
     mpc, low = trot(latency=0.02)
-    other = solvers.Riccati(low.plan)
+    other = solvers.Riccati(low.plan, backend="numpy")
     made = run_online(mpc, other, Plant(ROBOT), seconds=0.06, latency=0.02, wall_clock=True)
     assert made.deadlines is not None
     assert made.deadlines.plans == 2

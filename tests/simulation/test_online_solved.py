@@ -34,7 +34,7 @@ def test_a_roll_executes_with_the_low_level_that_minimises_the_action_value() ->
     made = run(low)
     assert made.success
     assert made.excess()["torque"] == 0.0
-    assert (made.fallbacks, made.damped) == (low.fallbacks, low.damped)
+    assert (made.fallbacks, made.relaxed, made.damped) == (low.fallbacks, low.relaxed, low.damped)
     assert len(made.times) == low.ticks
     assert len(made.touchdowns) == 8  # four feet land twice
     assert all(each.late is not None and abs(each.late) <= 0.02 for each in made.touchdowns)

@@ -7,6 +7,7 @@
 #include "constants.h"
 #include "tick/functions.h"
 
+enum { RELAXED = @RELAXED@ }; /* of the quadratic program */
 static const double PERIOD = @PERIOD@, LATENCY = @LATENCY@; /* [s] */
 static const double lower[NAME_NU] = {@LOWER@}, upper[NAME_NU] = {@UPPER@}; /* of the torques [Nm] */
 static const double declared[NUM_COMMANDS + 1] = {@DECLARED@};
@@ -151,7 +152,8 @@ int NAME_tick(NAME *c, const double x[NAME_NX], double t, NAME_output *out)
         if (!out->status) out->status = NAME_BAD_NUMBERS;
         return damp(c, x, out), out->status;
     }
-    if (did->status) out->fallback |= NAME_PROGRAM_FAILED;
+    if (did->status == RELAXED) out->fallback |= NAME_RELAXED;
+    else if (did->status > 0) out->fallback |= NAME_PROGRAM_FAILED;
     for (int i = 0; i < NAME_NU; i++) out->torque[i] = fmin(fmax(out->torque[i], lower[i]), upper[i]);
     return tell(c, out), out->status;
 }

@@ -42,7 +42,8 @@ enum {
     NAME_PROGRAM_FAILED = 1, /* the quadratic program has no solution, or reached its limit: the plan's torques and feedback, clipped */
     NAME_DAMPED = 2,         /* the joints are damped */
     NAME_LATE = 4,           /* the plan is older than a period and the latency: the newer one is late or failed */
-    NAME_LATCHED = 8         /* until reset */
+    NAME_LATCHED = 8,        /* until reset */
+    NAME_RELAXED = 16        /* no torques keep all limits: those on contact forces gave way */
 };
 
 typedef struct {

@@ -46,7 +46,7 @@ static double draw_time(Random *r, double t)
 
 static void check(const NAME_output *output)
 {
-    int right = output->status >= 0 && output->status <= NAME_BAD_ARGUMENT && output->fallback < 16;
+    int right = output->status >= 0 && output->status <= NAME_BAD_ARGUMENT && output->fallback < 32;
     for (int i = 0; i < NAME_NU; i++) {
         right &= output->torque[i] >= lower[i] && output->torque[i] <= upper[i];
         right &= isfinite(output->joint_position[i]) && isfinite(output->joint_velocity[i]);

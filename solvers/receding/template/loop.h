@@ -25,7 +25,7 @@ struct loop {
     const struct plan **followed;         /* the low level's plan */
     const struct planned *memories[PLACES];
     const struct plan *views[PLACES];
-    double period, latency;               /* [s], the latency at most the period */
+    double period, latency;               /* [s], the latency at most the period and at least that of the planner */
     int num_state, num_commands;
     double *commands;                     /* of the planner */
     double *told;                         /* the same as the caller wants them from the next plan on */
@@ -33,11 +33,13 @@ struct loop {
     double asked_at;
     double measured_at[PLACES], seconds[PLACES]; /* of each plan: time of its state, time of the processor [s] */
     struct handover plans;
-    _Atomic int work, fault, unusable;    /* unusable: plans that were not finite and have not been counted */
+    _Atomic int work, failed, unusable;   /* failed: why there is no plan; unusable: plans that were not finite, not counted yet */
     struct plan_thread *thread;           /* 0: plans are made within the tick */
     unsigned newest;                      /* of the planner: the last place that it handed over, PLACES before the first */
     /* of the tick */
     double now, next, due;                /* last tick; when a plan is asked for; when the one that was asked for should act */
+    double within;                        /* time of the processor for plans within the last tick [s] */
+    int fault;                            /* what went wrong since the caller looked */
     int ready, waits, open, skipped;      /* there was a plan; one waits for its start; its due time is ahead; none was asked for */
     long asked, missed, taken;            /* plans that were due to be asked for; late or not made; acting since the start */
 };

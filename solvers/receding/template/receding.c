@@ -180,10 +180,13 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
             if (!isfinite(state[i])) r->has_plan = 0; /* the policy is far from its plan */
         if (!r->has_plan) memcpy(state, x, bytes);
     }
-    const long before = r->clock.shift;
+    const Clock before = r->clock;
     retime(r, state, begin);
     const long k = begin - r->clock.shift;
-    if (k < 0 || (h->total >= 0 && k > h->total - step)) return OUTSIDE;
+    if (k < 0 || (h->total >= 0 && k > h->total - step)) {
+        r->clock = before; /* no plan, so its state has not moved the clock */
+        return OUTSIDE;
+    }
     if (r->has_plan) advance_course(r, state, k, &r->course);
     else begin_course(r, state, k, &r->course);
     to_frame(r, state, r->course.anchor, start);
@@ -195,7 +198,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     make_samples(r, r->nodes, r->num_nodes, r->samples);
     for (int i = 0; i < count; i++) take_middles(h, &r->spans[i], r->samples + (size_t)r->firsts[i] * (size_t)h->num_targets);
     fill_problem(r, plan);
-    shift_plan(r, start, r->clock.shift - before);
+    shift_plan(r, start, r->clock.shift - before.shift);
     memcpy((double *)pr->initial, start, bytes);
     pr->options = r->options;
     pr->options.max_iterations = r->began ? r->iterations : r->first_iterations;

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "dual.c"
+#include "elastic.inc"
 #include "functions.h"
 #include "tick.h"
 
@@ -28,14 +29,29 @@ static void read_schedule(const struct low_level *low, int i, int k, double unti
         }
 }
 
-void piaffe_tick(const struct low_level *low, const double *x, double t, double *control, struct outcome *out)
+/* The phase at a time, and its stage. */
+static int phase_at(const struct plan *plan, double t, int *stage)
 {
-    const struct plan *plan = low->plan;
     int i = 0, k = 0;
     for (int j = 0; j < plan->num_phases; j++)
         if (plan->phases[j].times[0] <= t + SAME_TIME) i = j;
     const struct plan_phase *f = plan->phases + i;
     while (k < f->stages - 1 && f->times[k + 1] <= t + SAME_TIME) k++;
+    *stage = k;
+    return i;
+}
+
+/* The flags of the plan that is followed, at any time. */
+void piaffe_scheduled(const struct low_level *low, double t, double *flags)
+{
+    int k, i = phase_at(low->plan, t, &k);
+    memcpy(flags, flags_of(low, low->plan->phases + i, k), sizeof(double) * (size_t)low->num_contacts);
+}
+
+void piaffe_tick(const struct low_level *low, const double *x, double t, double *control, struct outcome *out)
+{
+    int k, i = phase_at(low->plan, t, &k);
+    const struct plan_phase *f = low->plan->phases + i;
     if (low->contacts) {
         read_schedule(low, i, k, t + low->contacts->early);
         merge_contacts(low->contacts, low->num_contacts, t, low->in_contact);

@@ -79,7 +79,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "seeds": len(rows), "successes": sum(row["success"] for row in rows),
         "stayed_upright": sum(row["stayed_upright"] for row in rows), "falls": sum(row["fell"] for row in rows),
         "followed": sum(row["followed"] is True for row in rows),
-        "fallbacks": sum(row["fallbacks"] for row in rows), "damped": sum(row["damped"] for row in rows),
+        **{name: sum(row[name] for row in rows) for name in ("fallbacks", "relaxed", "damped")},
         "median": {name: over(np.median, rows, name) for name in MEDIANS},
         "worst": {name: over(np.max, rows, name) for name in WORST},
     }  # fmt: skip
@@ -118,15 +118,18 @@ def print_online(console: Console, setup: OnlineSetup, values: Mapping[str, Any]
     )
     shown = new_table(
         "seed", ">s", ">speed m/s", ">speed error", ">rms error m/s", ">ms per plan", ">99 %", ">iterations",
-        ">us per tick", ">QP iterations", ">fallbacks", "end",
+        ">us per tick", ">QP iterations", ">relaxed", ">fallbacks", "end",
     )  # fmt: skip
     for row in rows:
-        shown.add_row(str(row["seed"]), f"{row['end_s']:.2f}", *_cells(row), str(row["fallbacks"]), _end(row))
+        shown.add_row(
+            str(row["seed"]), f"{row['end_s']:.2f}", *_cells(row), str(row["relaxed"]), str(row["fallbacks"]), _end(row)
+        )
     if len(rows) > 1:
         worst = values["worst"]
         shown.add_section()
-        shown.add_row("median", "", *_cells(values["median"]), "", "")
-        shown.add_row("worst", "", *_cells({"qp_iterations_mean": None, **worst}), str(values["fallbacks"]), "")
+        shown.add_row("median", "", *_cells(values["median"]), "", "", "")
+        counts = (str(values[name]) for name in ("relaxed", "fallbacks"))
+        shown.add_row("worst", "", *_cells({"qp_iterations_mean": None, **worst}), *counts, "")
     console.print(shown)
     for row in rows:
         if row["fell"]:

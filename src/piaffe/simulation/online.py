@@ -57,6 +57,10 @@ def run_online(
     plan before acts. The low level acts every ``tick``, and when a plan begins to act; its torques are held in between.
     Until the first plan acts, the joints are held at their first angles.
 
+    With ``solvers.RecedingHorizon`` and a compiled low level of ``piaffe.solvers``, plans and ticks are a
+    ``solvers.Loop``, the same C that runs against the real clock: it decides when a plan is made and when it acts,
+    which is not before its start. Other planners and low levels are called from Python at the same times.
+
     Args:
         planner: the planner; it is reset first. Without one, the low level follows the plan that it has.
         low: the low level.
@@ -77,8 +81,8 @@ def run_online(
         estimator: estimates the state from the sensors on the robot; by default the measured state is used.
         every: one tick of so many is recorded, for long episodes.
         wall_clock: pace the simulation by the real clock, and plan in a thread of its own. The first plan is made
-            before the clock starts. A plan that is not ready after the latency is missed; the one before goes on. With
-            ``solvers.RecedingHorizon`` and ``solvers.Vwbc``, plans and ticks are a ``solvers.Loop``.
+            before the clock starts, and acts at once. A plan that is not ready after the latency is missed; the one
+            before goes on.
         progress: called after every period with the time that is simulated and ``seconds``.
 
     Raises:
@@ -115,11 +119,11 @@ def run_online(
     with ExitStack() as stack:
         if clock is not None:
             run.clock = stack.enter_context(clock)
-            if planner is not None and _runs_in_loop(planner, low):
-                made: Any = planner
-                run.run_in(stack.enter_context(made.running(low)))
-            elif planner is not None:
-                run.planning = PlanningInThread(planner, clock.executor)
+        if planner is not None and _runs_in_loop(planner, low):
+            made: Any = planner
+            run.run_in(stack.enter_context(made.running(low, thread=clock is not None, latency=latency)))
+        elif planner is not None and clock is not None:
+            run.planning = PlanningInThread(planner, clock.executor)
         k = 0
         while not loop.over:
             loop.period(at + k * period * step)

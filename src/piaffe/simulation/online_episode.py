@@ -66,7 +66,8 @@ class OnlineEpisode:
         end: time of the last state [s].
         fault: why the episode ended before its time; empty if it did not.
         least_force: a foot with at least this normal force is on the ground [N].
-        fallbacks: number of ticks whose program had no solution. damped: of ticks with numbers that were not finite.
+        fallbacks: number of ticks whose program had no solution. relaxed: of ticks in which limits on contact forces
+            gave way to find one. damped: of ticks with numbers that were not finite.
         deadlines: those of an episode against the real clock; else None.
     """
 
@@ -94,6 +95,7 @@ class OnlineEpisode:
     fault: str
     least_force: float
     fallbacks: int
+    relaxed: int
     damped: int
     deadlines: Deadlines | None = None
 
@@ -175,7 +177,8 @@ class OnlineEpisode:
         exact = {
             "success": self.success, "upright": self.upright, "fell": self.fell, "fault": self.fault or None,
             "end_s": self.end, "seconds": self.seconds, "ticks": len(self.times), "plans": len(self.plans.times),
-            "fallbacks": self.fallbacks, "damped": self.damped, "collisions": dict(self.collisions),
+            "fallbacks": self.fallbacks, "relaxed": self.relaxed, "damped": self.damped,
+            "collisions": dict(self.collisions),
             "touchdowns": len(self.touchdowns), "touchdowns_without": len(self.touchdowns) - len(late),
             "deadlines": None if self.deadlines is None else asdict(self.deadlines),
             "plan_statuses": {name: self.plans.statuses.count(name) for name in dict.fromkeys(self.plans.statuses)},

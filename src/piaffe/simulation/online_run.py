@@ -31,6 +31,7 @@ from .wall_clock import Deadlines, WallClock
 Array = NDArray[np.float64]
 
 _LOADED = 0.01  # a foot is on the ground if its normal force exceeds this share of the robot's weight
+_COUNTED = ("fallbacks", "relaxed", "damped")  # of a low level
 _VELOCITY = ("speed", "lateral_speed", "yaw_rate")
 
 
@@ -81,7 +82,7 @@ class OnlineRun:
         self._acting, self._made = self._planner is None, np.nan
         self._step, self._control, self._recorded = 0, np.zeros(nu), False
         self._sensed, self._estimate, self._before = -1, x, (x, np.nan)
-        self._counts = {name: getattr(self._low, name, 0) for name in ("fallbacks", "damped")}
+        self._counts = {name: getattr(self._low, name, 0) for name in _COUNTED}
         self._contacts = planned_contacts(self._low) if self._planner is None else None
         if self._planner is not None:
             self._planner.reset()
@@ -105,16 +106,16 @@ class OnlineRun:
             self._commands = self._commands[len(due) :]
             for command in due:
                 self._asked.update({name: value for name, value in command.values.items() if name in _VELOCITY})
-        if self._loop is not None:
-            self._note(self.planning.take())  # the first one, which the loop has made at once
+        if self._loop is not None and self.clock is not None:
+            self._note(self.planning.take())  # the first one, which was made before the clock starts
         return x
 
     def plan(self, x: Array, t: float) -> None:
-        """Follow the plan that was asked for, if it is ready."""
-        made = None if self.planning is None or self._loop is not None else self.planning.take()
+        """Follow the plan that was asked for, if it is ready; a loop does so itself, from the first one on."""
+        made = None if self.planning is None or (self._loop is not None and self._acting) else self.planning.take()
         if made is not None:
-            self._low.follow(made.plan)
-            self._contacts = planned_contacts(self._low, made.plan)
+            if self._loop is None:
+                self._low.follow(made.plan)
             self._note(made)
 
     def _note(self, made: MadePlan | None) -> None:
@@ -122,6 +123,7 @@ class OnlineRun:
         if made is None:
             return
         self._acting, self._made = True, made.time
+        self._contacts = planned_contacts(self._low, None if self._loop is not None else made.plan)
         status, iterations = getattr(made.plan, "status", ""), getattr(made.plan, "iterations", np.nan)
         self._plans.append((made.time, made.seconds, float(iterations), str(getattr(status, "name", status))))
 
@@ -129,7 +131,6 @@ class OnlineRun:
         """Let a loop, which runs, make plans and ticks."""
         assert self._planner is not None  # it has made the loop
         self._loop, self.planning = loop, PlanningInLoop(self._planner, loop)
-        self._contacts = lambda t: loop.scheduled
 
     def control(self, t: float, due: bool) -> Array:
         """Return the torques of a step, (nu,)."""
@@ -158,6 +159,7 @@ class OnlineRun:
             control = act(measured, t, *flags)
             seconds = thread_time() - begin
             if self._loop is not None and self.planning is not None:
+                seconds -= self._loop.planning_seconds
                 self._note(self.planning.take())
         else:
             control = self.hold(x, t)
@@ -249,13 +251,14 @@ class OnlineRun:
         times, each, iterations = (np.array([row[i] for row in made], dtype=float) for i in range(3))
         plans = PlanLog(times, each, iterations, tuple(row[3] for row in made if row[3]))
         tables = ("times", "states", "estimates", "controls", "torques", "forces", "slips", "planned", "ages")
+        counts = {name: getattr(self._low, name, 0) - before for name, before in self._counts.items()}
         return OnlineEpisode(
             robot=self._plant.robot, space=self._plant.space, seconds=seconds,
             **{name: log[name] for name in (*tables, "tick_seconds", "qp_iterations")},
             commands=commands, limited=log["limited"] > 0.5, torque_limit=self._plant.torque_limit, plans=plans,
             collisions=self._collisions, last=last, end=end, fault=self.fault, least_force=self._weight * _LOADED,
-            fallbacks=getattr(self._low, "fallbacks", 0) - self._counts["fallbacks"],
-            damped=getattr(self._low, "damped", 0) - self._counts["damped"], deadlines=self._deadlines(),
+            fallbacks=counts["fallbacks"], relaxed=counts["relaxed"], damped=counts["damped"],
+            deadlines=self._deadlines(),
         )  # fmt: skip
 
     def _deadlines(self) -> Deadlines | None:

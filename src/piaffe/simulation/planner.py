@@ -14,9 +14,9 @@ class Planner(Protocol):
     """A planner, which makes a plan every ``period`` seconds. State comes before time.
 
     These are optional: ``command(**values)`` takes a :class:`Command`; ``velocity(t)`` returns the commanded velocity
-    ahead and to the left [m/s] and yaw rate [rad/s] at a time, with which figures compare; ``running(low)`` returns a
-    :class:`LoopLike`, which runs against the real clock if planner and low level have a ``backend`` that is
-    ``"native"``.
+    ahead and to the left [m/s] and yaw rate [rad/s] at a time, with which figures compare;
+    ``running(low, thread=..., latency=...)`` returns a :class:`LoopLike`, which makes plans and ticks if planner and
+    low level have a ``backend`` that is ``"native"``.
     A plan may have ``iterations`` and ``status``, and what :func:`planned_contacts` reads.
     """
 
@@ -61,8 +61,8 @@ class LoopLike(Protocol):
         ...
 
     @property
-    def scheduled(self) -> Array:
-        """Its contact flags at the last tick, (nf,)."""
+    def planning_seconds(self) -> float:
+        """Time of the processor for plans that were made within the last tick [s]."""
         ...
 
     def begin(self, x: Array, t: float) -> None:
@@ -81,8 +81,9 @@ class LoopLike(Protocol):
 class LowLevelLike(Protocol):
     """A low level, such as those of ``piaffe.solvers``.
 
-    If it has ``last.iterations``, ``fallbacks`` and ``damped``, an episode records them. If ``measures_contacts`` is
-    true, ``control`` gets the feet that are on the ground by their force as a third argument, 1 or 0, (nf,).
+    If it has ``last.iterations``, ``fallbacks``, ``relaxed`` and ``damped``, an episode records them. If
+    ``measures_contacts`` is true, ``control`` gets the feet that are on the ground by their force as a third argument,
+    1 or 0, (nf,).
     """
 
     def control(self, x: Array, t: float) -> Array:

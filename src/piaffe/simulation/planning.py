@@ -130,7 +130,7 @@ class PlanningInLoop:
         self._taken = 0
 
     def ask(self, x: Array, t: float, commands: Sequence[Command]) -> bool:
-        """Pass commands on; the loop asks for plans at its ticks. The first plan is made here."""
+        """Pass commands on; the loop itself asks for plans, at its ticks. The first plan is made here."""
         tell(self._planner, commands)
         if not self.loop.taken:
             self.loop.begin(x, t)

@@ -9,8 +9,9 @@ import numpy as np
 
 from piaffe import models, ocp, solvers
 
-from .random_ticks import Found, compare, is_wild, make_equal, stop_at_once, twin_of
+from .found import Found
 from .schedules import Rng, kinds, quadruped, robot_terms
+from .twins import compare, is_wild, make_equal, stop_at_once, twin_of
 
 
 @dataclass

@@ -21,8 +21,9 @@ from piaffe.codegen.compilers import working
 from piaffe.solvers.ilqr.native import library
 from piaffe.solvers.receding import program
 
+from .found import Found
 from .many_ticks import MOTIONS, run
-from .random_ticks import Found, random_case
+from .random_ticks import random_case
 from .schedules import kinds
 
 SANITIZE = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")

@@ -15,6 +15,7 @@ from piaffe import models, ocp, solvers
 from piaffe.errors import ProblemError, ShapeError, SolverError
 from piaffe.solvers.receding import loop_memory
 from piaffe.solvers.receding.memory import NOT_FINITE_PLAN
+from piaffe.solvers.tracking import contacts_at
 from tests.solvers.receding.test_ticks import problem
 
 TICK, PERIOD = 0.002, 0.02
@@ -26,10 +27,10 @@ def trot():
     return problem(models.gaits.trot(speed=0.4))
 
 
-def robot(latency=PERIOD, declared=None, **options):
+def robot(latency=PERIOD, declared=None, make=solvers.Vwbc, **options):
     """Return a receding horizon and a low level that follows its first plan."""
     mpc = solvers.RecedingHorizon(declared or trot(), first_iterations=3, iterations=1, latency=latency)
-    return mpc, solvers.Vwbc(mpc.plan(mpc.initial, 0.0), **options)
+    return mpc, make(mpc.plan(mpc.initial, 0.0), **options)
 
 
 def mass(seconds=4.0):
@@ -105,12 +106,13 @@ def test_a_loop_does_what_plans_and_ticks_do_that_are_made_by_hand(latency, thre
     np.testing.assert_array_equal(u, expected)
 
 
-def test_measured_contacts_go_through_the_loop():
-    mpc, low = robot(contacts="measured")
+@pytest.mark.parametrize("make", [solvers.Vwbc, solvers.Riccati, solvers.FeedforwardPD])
+def test_every_low_level_runs_in_a_loop_and_measured_contacts_go_through_it(make):
+    mpc, low = robot(make=make, contacts="measured")
     states = measured(mpc, 40)
     flags = np.random.default_rng(2).integers(0, 2, (40, 4)).astype(float)
     expected = by_hand(mpc, low, states, {}, flags)
-    mpc, low = robot(contacts="measured")
+    mpc, low = robot(make=make, contacts="measured")
     with mpc.running(low) as loop:
         np.testing.assert_array_equal(run(loop, states, flags=flags), expected)
         np.testing.assert_array_equal(loop.scheduled, loop.plan.phases[0].p[0, -4:] * 0 + low.contacts(TICK * 39))
@@ -333,11 +335,42 @@ def test_no_plan_is_asked_for_from_a_state_that_is_not_finite():
 def test_the_end_of_the_motion_is_an_error_of_the_tick_and_the_last_plan_goes_on(thread):
     mpc, low = robot(declared=mass(0.1))
     with mpc.running(low, thread=thread) as loop:
-        run(loop, [mpc.initial] * 40)
-        with pytest.raises(ProblemError, match=r"time is outside the motion - got t = 0.08 s, expected 0 ≤ t ≤ 0.08 s"):
-            run(loop, [mpc.initial] * 42, 40)  # asks for a plan from 100 ms on
+        run(loop, [mpc.initial] * 50)  # at 80 ms it asks for a plan from 100 ms on, which is the end
+        with pytest.raises(ProblemError, match=r"time is outside the motion - got t = 0.1 s, expected 0 ≤ t ≤ 0.08 s"):
+            run(loop, [mpc.initial] * 51, 50)
         settle(loop)
-        assert np.isfinite(loop.control(mpc.initial, 0.084)).all()
+        assert np.isfinite(loop.control(mpc.initial, 0.102)).all()
+        with pytest.raises(ProblemError, match=r"time is outside the motion - got t = 0.104 s"):
+            loop.begin(mpc.initial, 0.104)
+
+
+@pytest.mark.parametrize(("own", "given", "acts"), [(0.0, 0.006, 0.006), (0.02, 0.006, 0.02), (0.0, 0.02, 0.02)])
+def test_a_longer_latency_than_that_of_the_plans_delays_them(own, given, acts):
+    mpc, low = robot(own)
+    states = measured(mpc, 40)
+    with mpc.running(low, thread=False, latency=given) as loop:
+        since = []
+        for k, x in enumerate(states):
+            loop.control(x, TICK * k)
+            since.append(TICK * k if loop.acting is None else TICK * k - loop.acting.measured_at)
+            assert (loop.planning_seconds > 0) == (k > 0 and k % 10 == 0)
+    until = round(acts / TICK)  # from 20 and 40 ms on
+    np.testing.assert_allclose(since[20:], TICK * np.where(np.arange(20) % 10 < until % 10, 10, 0)
+                               + TICK * (np.arange(20) % 10) + (0.02 if until == 10 else 0.0), atol=1e-9)  # fmt: skip
+    with pytest.raises(SolverError, match=r"latency is out of range - got 0.03 s, expected 0 to the period, 0.02 s"):
+        mpc.running(low, latency=0.03)
+
+
+def test_the_low_level_tells_the_flags_of_the_plan_that_acts():
+    mpc, low = robot()
+    first = low.plan
+    with mpc.running(low) as loop:
+        run(loop, measured(mpc, 65))
+        times = np.arange(0.0, 0.4, 0.003)
+        flags = np.array([low.contacts(t) for t in times])
+        np.testing.assert_array_equal(flags, [contacts_at(loop.plan, t) for t in times])
+        assert (flags != [contacts_at(first, t) for t in times]).any()
+        np.testing.assert_array_equal(loop.scheduled, low.contacts(TICK * 64))
 
 
 def test_time_does_not_go_back():
@@ -367,7 +400,7 @@ def test_while_a_loop_runs_it_owns_the_receding_horizon():
 def test_what_cannot_run_in_a_loop_is_refused():
     mpc, low = robot(declared=mass())
     plan = low.plan
-    for other in (solvers.Riccati(plan), solvers.Vwbc(plan, backend="numpy")):
+    for other in (solvers.Riccati(plan, backend="numpy"), solvers.Vwbc(plan, qp="numpy")):
         with pytest.raises(SolverError, match="the low level is not compiled - got"):
             mpc.running(other)
     readable = solvers.RecedingHorizon(mass(), latency=PERIOD, backend="numpy")

@@ -2,8 +2,9 @@
 
 import pytest
 
+from .found import Found
 from .many_ticks import MOTIONS, run
-from .random_ticks import Found, random_case
+from .random_ticks import random_case
 
 COUNT = 10_000
 """Random schedules of the slow test."""

@@ -91,7 +91,7 @@ def make_equal(native, got, numpy, expected):
 
 
 MOTIONS = {
-    "trot": lambda: models.gaits.trot(speed=0.4),
+    "trot": lambda: models.gaits.trot(speed=0.4, yaw_rate=0.2, heading_limit=0.002),
     "bound": lambda: models.gaits.bound(speed=0.5, yaw_rate=0.3),
     "hop": lambda: hop_then(models.gaits.trot(speed=0.3)),
     "gaits": lambda: models.gaits.pace(speed=0.3, stance_time=0.1).cycles(1) + models.gaits.trot(speed=0.3),
@@ -108,13 +108,16 @@ def test_ticks_in_c_equal_those_in_numpy(name, latency):
     ]
     rng = np.random.default_rng(len(name))
     x, t = np.array(declared.initial), 0.0
-    landed = 0
+    landed, kept = 0, []
     for k in range(24):
         if k == 10 and name == "trot":
             for each in both:
                 each.command(speed=0.2, yaw_rate=0.5)
         got, expected = (each.plan(x, t) for each in both)
         assert_same(got, expected, 1e-8)
+        memory = both[1]._numpy.course.memory
+        assert both[0]._native.memory.memory[: memory.size] == pytest.approx(memory, abs=1e-9)
+        kept += [memory[2]] if memory.size else []
         assert got.measured_at == t
         assert got.start >= t + latency - 1e-9
         landed += any(p.resets for p in got.parts)
@@ -122,6 +125,13 @@ def test_ticks_in_c_equal_those_in_numpy(name, latency):
         later = t + 0.02 if k % 3 else t + 0.017  # also off the grid of the model's steps
         x, t = ahead(expected, max(round(later, 2), expected.start), rng, 1e-3), later
     assert landed
+    if name == "trot":  # the kept heading is sometimes at its limit, and sometimes within
+        assert 0 < np.count_nonzero(np.abs(kept) > 0.002 - 1e-9) < len(kept) - 1
+        for each in both:
+            each.reset()
+            each.plan(expected.world(expected.parts[0].states[0]), 0.0)
+        for memory in (both[0]._native.memory.memory, both[1]._numpy.course.memory):
+            assert memory[2] == pytest.approx(0.0, abs=1e-9)  # nothing is kept of the time before
 
 
 def test_a_state_from_before_a_touchdown_is_taken_through_the_impact():

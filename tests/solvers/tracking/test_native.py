@@ -26,8 +26,10 @@ def compare(twins, x, t, *contacts):
     np.testing.assert_allclose(u, expected, rtol=0, atol=1e-9 * (1 + np.abs(expected).max()))
     assert (compiled.last is None) == (readable.last is None)
     if readable.last is not None and np.isfinite(x).all():
-        assert compiled.last == readable.last
-    for name in ("ticks", "damped", "statuses", "iterations", "fallbacks"):
+        one, other = compiled.last, readable.last
+        assert (one.status, one.iterations, one.active) == (other.status, other.iterations, other.active)
+        assert one.excess == pytest.approx(other.excess, rel=1e-9, abs=1e-9)
+    for name in ("ticks", "damped", "statuses", "iterations", "fallbacks", "relaxed"):
         assert getattr(compiled, name) == getattr(readable, name), name
 
 
@@ -52,7 +54,7 @@ def test_a_thousand_ticks_of_a_robot(options):
             each.measure({"contact": flags, "gamma": 5.0})
         for seed in range(50):
             compare(twins, pushed(compiled, x, 0.2, seed), 0.0)
-    assert set(twins[0].statuses) == {QpStatus.SOLVED, QpStatus.INFEASIBLE}
+    assert set(twins[0].statuses) == {QpStatus.SOLVED, QpStatus.RELAXED}
     assert twins[0].statuses[QpStatus.SOLVED] > 500
     assert max(twins[0].iterations) > 10
 
@@ -131,5 +133,5 @@ def test_without_a_compiler_the_tick_is_in_numpy(monkeypatch):
 
 def test_an_unknown_backend_is_named():
     _, compiled, x, u = standing()
-    with pytest.raises(SolverError, match="vwbc: backend is unknown - got 'c', expected 'native' or 'numpy'"):
+    with pytest.raises(SolverError, match="Vwbc: backend is unknown - got 'c', expected 'native' or 'numpy'"):
         Vwbc(OneStage(compiled, x, u), backend="c")

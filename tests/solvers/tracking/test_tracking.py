@@ -379,22 +379,40 @@ def test_a_solution_of_another_problem_is_refused():
 # ---- bad numbers
 
 
-def test_a_program_without_a_solution_falls_back_to_the_clipped_policy():
-    """A foot that slides fast under a gain of the contacts: no torque within the limits holds it."""
+def test_limits_on_forces_give_way_where_no_torque_keeps_them():
+    """A foot that slides fast under a gain of the contacts: no torque within the limits holds it in its cone."""
     _, compiled, x, u = standing()
-    plan = OneStage(compiled, x, u)
-    controller, policy = Vwbc(plan), Riccati(plan)
-    infeasible = 0
+    controller = Vwbc(OneStage(compiled, x, u))
     for seed in range(20):
         state = pushed(compiled, x, 20.0, seed)
         got = controller.control(state, 0.0)
-        assert np.isfinite(got).all()
-        if controller.last.status is QpStatus.INFEASIBLE:
-            np.testing.assert_allclose(got, policy.control(state, 0.0), atol=1e-12)
-            infeasible += 1
-    assert infeasible > 0
-    assert controller.fallbacks == infeasible == controller.statuses[QpStatus.INFEASIBLE]
-    assert (controller.ticks, controller.damped) == (20, 0)
+        made = controller.program(state, 0.0)
+        slack = made.C @ (got - u) - made.d
+        size = 1 + np.abs(made.d).max()
+        assert (slack[~made.soft] > -1e-9 * size).all()
+        if controller.last.status is QpStatus.RELAXED:
+            assert controller.last.excess > 0
+            assert -slack[made.soft].min() == pytest.approx(controller.last.excess, rel=1e-6)
+    assert controller.relaxed > 0
+    assert (controller.ticks, controller.damped, controller.fallbacks) == (20, 0, 0)
+
+
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_a_program_without_a_solution_falls_back_to_the_clipped_policy(backend):
+    """The sum of two forces has a bound that depends on the speed, and rows of the control alone do not give way."""
+    problem = two_forces(
+        ocp.inequality(lambda s: s.force[0] + s.force[1] - 50 * s.speed, lower=-30.0, name="sum"),
+        ocp.inequality(lambda s: s.force, lower=-20.0, upper=20.0, name="force"),
+    )
+    compiled = ocp.compile_problem(problem)
+    plan = SolvedPlan(solvers.MSiLQR(compiled, backend="numpy").solve(), compiled)
+    controller, policy = Vwbc(plan, backend=backend), Riccati(plan)
+    for speed in (0.5, 2.0):
+        got = controller.control([0.0, speed], 0.1)
+        assert (np.abs(got) <= 20.0 + 1e-9).all()
+    np.testing.assert_allclose(got, policy.control([0.0, speed], 0.1), atol=1e-12)
+    assert controller.statuses == {QpStatus.SOLVED: 1, QpStatus.INFEASIBLE: 1}
+    assert (controller.fallbacks, controller.relaxed) == (1, 0)
 
 
 def test_a_state_that_is_not_finite_gives_damping():
