@@ -100,7 +100,7 @@ class Recorder:
         return np.array([
             c.has_plan, c.began, course.tick, course.place.entry, course.place.number, course.place.start,
             *course.anchor, *course.moved, *course.frame, clock.shift, clock.base, clock.flight, clock.late,
-            *self._memory.memory,
+            c.last_equality, *self._memory.memory,
         ], dtype=float)  # fmt: skip
 
     def _lean(self, header: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[tuple[int, int, int]]]:
@@ -115,14 +115,18 @@ class Recorder:
             part = header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
             mode, n = memory.modes[part[_MODE]], part[_STAGES]
             nx, ndx, nu = mode.state.nx, mode.state.ndx, mode.nu
-            link = 0 if part[_LINK] < 0 else memory.links[part[_LINK]].layout.size
+            after = None if part[_LINK] < 0 else memory.links[part[_LINK]]
+            link = 0 if after is None else after.layout.size
+            stage = [len(mode.rows[f"stage_{kind}"]) for kind in "gh"]
+            ends = [len(mode.rows[f"terminal_{k}"]) + (0 if after is None else len(after.rows[k])) for k in "gh"]
+            rows = [n * stage[0]] * 2 + [n * stage[1]] * 2 + [ends[0]] * 2 + [ends[1]] * 2
+            kept = rows if memory.c.adapt_below > 0 else [0] * len(rows)  # of an adapting barrier
             few = min(n, self._stages) if part[_SEGMENT] == 0 else 0
             every = (
-                nu, nu * ndx, 0, nu, 0, nu * ndx, nu * nu, mode.layout.size, len(mode.rows["stage_g"]),
-                len(mode.rows["stage_h"]),
+                nu, nu * ndx, 0, nu, 0, nu * ndx, nu * nu, mode.layout.size, *stage,
             )  # fmt: skip
-            sizes = [n + 1, (n + 1) * nx, n * nu, *(n * size for size in every), link]
-            counts = [n + 1, (n + 1) * nx, n * nu, *(few * size for size in every), link]
+            sizes = [n + 1, (n + 1) * nx, n * nu, *(n * size for size in every), link, *kept]
+            counts = [n + 1, (n + 1) * nx, n * nu, *(few * size for size in every), link, *kept]
             for j, (size, count) in enumerate(zip(sizes, counts, strict=True)):
                 own[HEADER + i * PART + _AT + j] = at
                 if count:

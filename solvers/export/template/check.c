@@ -139,7 +139,8 @@ static void set_planner(Receding *r, const double *p)
     memcpy(r->course.moved, p + 9, sizeof r->course.moved);
     memcpy(r->course.frame, p + 12, sizeof r->course.frame);
     r->clock.shift = (long)p[15], r->clock.base = (long)p[16], r->clock.flight = (long)p[17], r->clock.late = p[18];
-    memcpy(r->course.memory, p + 19, sizeof(double) * (size_t)(sizes[SIZE_PLANNER] - 19));
+    r->last_equality = p[19];
+    memcpy(r->course.memory, p + 20, sizeof(double) * (size_t)(sizes[SIZE_PLANNER] - 20));
 }
 
 /* Runs the controller as a robot would; the measured states are the recorded ones. */

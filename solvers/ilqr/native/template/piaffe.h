@@ -132,5 +132,7 @@ int piaffe_solve(Problem *problem, int resumed);
 /* The clock of a problem [s]. */
 double piaffe_now(const Problem *problem);
 int piaffe_policy(Problem *problem);
+/* After a solve that did not adapt; the caller has set last_equality. */
+void piaffe_adapt(Problem *problem, int status, double largest_defect);
 double piaffe_merit(Problem *problem);
 #endif
