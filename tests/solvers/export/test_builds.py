@@ -3,12 +3,16 @@
 import re
 import shlex
 import shutil
+import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.solvers.export.conftest import WARNINGS, Trot
+from piaffe import simulation, solvers
+from tests.solvers.export.conftest import WARNINGS, Trot, vwbc
 
 pytestmark = pytest.mark.slow
 QEMU = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
@@ -73,3 +77,21 @@ def test_threads_run_against_the_clock(trot: Trot) -> None:
 def test_cppcheck_finds_nothing(trot: Trot) -> None:
     done = trot.make("cppcheck")
     assert done.returncode == 0, done.stderr[-3000:]
+
+
+@pytest.mark.parametrize("kind", ["adapting barrier", "riccati", "latency and retiming"])
+def test_other_planners_and_low_levels_pass_the_check(trot: Trot, tmp_path: Path, kind: str) -> None:
+    options: dict[str, Any] = {
+        "adapting barrier": {"barrier": solvers.Adapting()}, "riccati": {},
+        "latency and retiming": {"latency": 0.01, "retiming": solvers.Retiming()},
+    }[kind]  # fmt: skip
+    exported = solvers.export_controller(
+        trot.exported.mpc.problem, tmp_path, name="other", options=options,
+        low=solvers.Riccati if kind == "riccati" else vwbc,
+    )  # fmt: skip
+    recorder = exported.recorder()
+    simulation.run_online(recorder, recorder, trot.plant, seconds=0.3, latency=options.get("latency", 0.0))
+    (tmp_path / "check.bin").write_bytes(recorder.file())
+    done = subprocess.run(["make", "-j2", "-C", str(tmp_path), "check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "bitwise equal to the record" in done.stdout
