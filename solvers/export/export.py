@@ -115,6 +115,7 @@ def export_controller(
         "INITIAL": interface.numbers(problem.initial), "PIAFFE": __version__, "NX": len(layout.state),
         "NU": len(layout.control),
         "COMMANDS": ", ".join(f'"{each}": {1 << i}' for i, each in enumerate(layout.commands)),
+        "MEMORY_BYTES": memory.bytes, "WIDTH": memory.planner.width,
         "RELAXED": list(QpStatus).index(QpStatus.RELAXED), "FUZZ_COMMANDS": interface.fuzz_commands(layout),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),

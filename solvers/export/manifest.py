@@ -39,6 +39,8 @@ def manifest(
         "period_s": float(values["PERIOD"]), "latency_s": float(values["LATENCY"]),
         "iterations": int(values["ITERATIONS"]), "time_limit_s": float(values["TIME_LIMIT"]),
         "plan_numbers": int(values["NUM_NUMBERS"]), "stack_bytes": 65536,
+        "memory_bytes_about": values["MEMORY_BYTES"], "vector_width": values["WIDTH"],
+        "torque_limits": [values["LOWER"], values["UPPER"]],
         "source_bytes": sum(len(text) for text in written.values()),
         "files": {path: _hash(text) for path, text in sorted(written.items())},
     }  # fmt: skip

@@ -11,6 +11,8 @@ from piaffe.codegen import LoadedLibrary, MemoryImage, defined_symbols
 from ..receding import Keeper, NativeTick
 from ..tracking import NativeTick as LowTick
 
+PLACES = 4
+"""Plans in memory, see ``handover.h``."""
 HANDOVER = files("piaffe.solvers.receding").joinpath("template", "handover.h").read_text(encoding="utf-8")
 
 
@@ -46,6 +48,12 @@ class ControllerMemory:
             roots["commands"] = tables.commands
         self.image.use(**roots)
         self._externs = "".join(f"extern {kind} {name[1:]};\n" for name, kind in sorted(kinds.items()))
+
+    @property
+    def bytes(self) -> int:
+        """Bytes of a controller at this machine's width of a vector, without its padding."""
+        plan = 8 * (self.planner.plan_numbers + self.planner.plan_entries)
+        return int(self.image.size + self.planner.arena_bytes + PLACES * plan)
 
     def files(self) -> dict[str, str]:
         """Return the header and the unit of the memory, by their paths."""

@@ -105,6 +105,11 @@ class MemoryImage:
                 if each.constant and any(not self._used[other].constant for other in each.refers):
                     each.constant, changed = False, True
 
+    @property
+    def size(self) -> int:
+        """Bytes of the members of ``struct memory``."""
+        return sum(region.size for region in self._used.values() if not region.constant)
+
     # ---- C
 
     def constants(self) -> str:

@@ -81,7 +81,10 @@ def test_the_readme_names_states_torques_and_forces(trot: Trot) -> None:
 
 def test_stack_and_memory_are_bounded(trot: Trot) -> None:
     c = trot.module.load(trot.module.LIBRARY)
-    assert c.trot_memory_size() < 5 << 20
+    size = c.trot_memory_size()
+    assert size < 5 << 20
+    told = json.loads((trot.folder / "manifest.json").read_text())["memory_bytes_about"]
+    assert abs(told - size) < 0.02 * size
 
 
 def test_names_that_are_no_identifiers_are_refused(trot: Trot, tmp_path: Path) -> None:
