@@ -10,45 +10,17 @@ import ctypes as ct
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from piaffe.errors import SolverError
 
-_C_NUMBERS = {"float64": "double", "int32": "int", "int64": "long", "uint8": "unsigned char"}
+from .regions import C_NUMBERS, Address, Region, address_of, addresses, elements, field_at, is_pointer, target, things
+
 _C_SCALARS = {ct.c_double: "double", ct.c_int: "int", ct.c_long: "long"}
 _LINE = 110
-
-
-@dataclass(eq=False)
-class Region:
-    """An array or a structure in memory.
-
-    Args:
-        name: in C.
-        thing: the array or structure.
-        constant: whether it never changes.
-        vectors: number of vectors, if its size depends on the width of a vector; else None.
-    """
-
-    name: str
-    thing: Any
-    constant: bool
-    vectors: int | None = None
-    refers: set[str] = field(default_factory=set)
-
-    @property
-    def address(self) -> int:
-        """Where it is."""
-        return _address_of(self.thing)
-
-    @property
-    def size(self) -> int:
-        """Number of bytes."""
-        return int(self.thing.nbytes) if isinstance(self.thing, np.ndarray) else ct.sizeof(self.thing)
 
 
 class MemoryImage:
@@ -78,7 +50,7 @@ class MemoryImage:
             constant: whether they never change.
             vectors: number of vectors at an address, if the size depends on the width of a vector.
         """
-        for thing in _things(owner):
+        for thing in things(owner):
             region = Region(f"r{len(self._regions)}", thing, constant, None)
             if region.size and region.address not in self._regions:
                 region.vectors = (vectors or {}).get(region.address)
@@ -93,7 +65,7 @@ class MemoryImage:
 
     def use(self, **roots: Any) -> None:
         """Let structures and arrays, each with its name in C, and all that they refer to be the image."""
-        regions = [self._regions[_address_of(thing)] for thing in roots.values()]
+        regions = [self._regions[address_of(thing)] for thing in roots.values()]
         for region, name in zip(regions, roots, strict=True):
             region.name, region.constant = name, False
         for region in regions:
@@ -143,7 +115,7 @@ class MemoryImage:
                         f"        memcpy({target}->{region.name}, first, sizeof first);\n    }}"
                     )
                 continue
-            for i, each in enumerate(_elements(region.thing)):
+            for i, each in enumerate(elements(region.thing)):
                 place = f"{target}->{region.name}" + (f"[{i}]" if isinstance(region.thing, ct.Array) else "")
                 values = self._values(each, lambda address: self._address(address, f"{target}->"))
                 if isinstance(each, ct.Structure):
@@ -178,7 +150,7 @@ class MemoryImage:
             return "0"
         name = region.name if region.constant else f"{target}{region.name}"
         if isinstance(region.thing, ct.Structure):
-            field_ = _field_at(region.thing, offset)
+            field_ = field_at(region.thing, offset)
             return f"(void *)&{name}{field_}"
         step = region.thing.itemsize if isinstance(region.thing, np.ndarray) else ct.sizeof(region.thing._type_)
         return f"(void *){name}" if offset == 0 else f"(void *)({name} + {offset // step})"
@@ -194,7 +166,7 @@ class MemoryImage:
         self._used[region.name] = region
         if isinstance(region.thing, np.ndarray):
             return
-        for address in _addresses(region.thing):
+        for address in addresses(region.thing):
             if address in self._outside or address in self._symbols:
                 continue
             other = self._find(address)
@@ -238,28 +210,28 @@ class MemoryImage:
         thing = region.thing
         if isinstance(thing, np.ndarray):
             size = f"{region.vectors} * PIAFFE_W" if region.vectors else str(thing.size)
-            return f"{constant}{_C_NUMBERS[thing.dtype.name]} {name}[{size}]"
+            return f"{constant}{C_NUMBERS[thing.dtype.name]} {name}[{size}]"
         if isinstance(thing, ct.Structure):
             return f"{constant}{self._type(type(thing))} {name}"
         kind = thing._type_
         if issubclass(kind, ct.Structure):
             return f"{constant}{self._type(kind)} {name}[{len(thing)}]"
-        if not _is_pointer(kind):
+        if not is_pointer(kind):
             return f"{constant}{_C_SCALARS[kind]} {name}[{len(thing)}]"
-        kinds = {self._kinds.get(self._symbols.get(each, ""), "void") for each in _addresses(thing)}
+        kinds = {self._kinds.get(self._symbols.get(each, ""), "void") for each in addresses(thing)}
         return f"{kinds.pop() if len(kinds) == 1 else 'void'} *const {name}[{len(thing)}]"
 
     def _values(self, value: Any, address: Callable[[int], str]) -> str:
         if isinstance(value, np.ndarray):
             return "{" + ", ".join(_number(each) for each in value.ravel().tolist()) + "}"
         if isinstance(value, ct.Array):
-            return "{" + ", ".join(self._values(each, address) for each in _elements(value)) + "}"
+            return "{" + ", ".join(self._values(each, address) for each in elements(value)) + "}"
         if isinstance(value, ct.Structure):
             parts = []
             for name, kind, *_ in value._fields_:
                 each = getattr(value, name)
-                if _is_pointer(kind):
-                    each = _target(each)
+                if is_pointer(kind):
+                    each = target(each)
                     if each:
                         parts.append(f".{name} = {address(each)}")
                 elif isinstance(each, ct.Structure | ct.Array):
@@ -270,84 +242,7 @@ class MemoryImage:
             return "{" + (", ".join(parts) or "0") + "}"
         if value is None:
             return "0"
-        return _number(value) if not isinstance(value, _Address) else address(value.value)
-
-
-@dataclass(frozen=True)
-class _Address:
-    value: int
-
-
-def _address_of(thing: Any) -> int:
-    return int(thing.ctypes.data) if isinstance(thing, np.ndarray) else ct.addressof(thing)
-
-
-def _things(owner: object) -> Iterator[Any]:
-    """Yield the arrays and structures of an object's attributes."""
-    waiting: list[Any] = list(vars(owner).values())
-    seen: set[int] = set()
-    while waiting:
-        each = waiting.pop()
-        if id(each) in seen:
-            continue
-        seen.add(id(each))
-        if isinstance(each, np.ndarray):
-            if each.dtype.name in _C_NUMBERS and each.flags.c_contiguous:
-                yield each
-        elif isinstance(each, ct.Structure | ct.Array):
-            yield each
-        elif isinstance(each, list | tuple):
-            waiting += each
-        elif isinstance(each, dict):
-            waiting += each.values()
-
-
-def _elements(thing: Any) -> Sequence[Any]:
-    """Return the elements of an array, of pointers as addresses; a structure itself."""
-    if isinstance(thing, ct.Structure):
-        return [thing]
-    if _is_pointer(thing._type_):
-        return [_Address(each) if (each := _target(raw)) else None for raw in thing]
-    return list(thing)
-
-
-def _addresses(thing: Any) -> Iterator[int]:
-    """Yield the addresses in a structure or an array of structures or pointers."""
-    for each in _elements(thing):
-        if isinstance(each, _Address):
-            yield each.value
-        if not isinstance(each, ct.Structure):
-            continue
-        for name, kind, *_ in each._fields_:
-            value = getattr(each, name)
-            if _is_pointer(kind):
-                if address := _target(value):
-                    yield address
-            elif isinstance(value, ct.Structure | ct.Array):
-                yield from _addresses(value)
-
-
-def _is_pointer(kind: Any) -> bool:
-    return kind is ct.c_void_p or (isinstance(kind, type) and issubclass(kind, ct._Pointer))
-
-
-def _target(value: Any) -> int:
-    """Return the address that a pointer has; 0 for none."""
-    if value is None or isinstance(value, int):
-        return value or 0
-    return ct.cast(value, ct.c_void_p).value or 0
-
-
-def _field_at(thing: ct.Structure, offset: int) -> str:
-    if offset == 0:
-        return ""
-    for name, *_ in thing._fields_:
-        if getattr(type(thing), name).offset == offset:
-            return f".{name}"
-    raise SolverError(
-        f"image of memory: an address is within a field - got offset {offset} in '{type(thing).__name__}', expected "
-        "the beginning of one; refer to a field"
-    )
+        return _number(value) if not isinstance(value, Address) else address(value.value)
 
 
 def _number(value: float) -> str:
