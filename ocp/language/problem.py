@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ProblemError
 
 from .initial import initial_state
-from .model import ModelBase, model_of
+from .model import ModelBase, ProblemWarning, model_of
 from .motion import Motion
 from .parameter_names import check_value, find_key, merged, parameter_names
 from .phase import Phase
@@ -152,6 +152,17 @@ class Problem:
         other.__dict__.update(self.__dict__)
         other.__dict__[name] = value
         return other
+
+    def warnings(self) -> list[ProblemWarning]:
+        """Return what is likely a mistake in the problem; a solver issues the same warnings before it iterates.
+
+        Raises:
+            ProblemError: the declaration is inconsistent.
+        """
+        from ..compiler import compile_problem
+        from ..reports import early_warnings, find_warnings
+
+        return early_warnings(self) + find_warnings(compile_problem(self))
 
     def __str__(self) -> str:
         from ..compiler import compile_problem
