@@ -256,6 +256,9 @@ class Robot:
 
 
 def _fixed(values: Any) -> Array:
+    """Return a copy that cannot be written to; of such an array, the array itself."""
+    if isinstance(values, np.ndarray) and not values.flags.writeable:
+        return values
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array

@@ -75,7 +75,7 @@ class CompiledProblem:
             ProblemError: a value is not finite, a weight is negative, bounds exclude each other, or the parameter
                 follows from the motion.
         """
-        where, known = "compiled problem", self.parameters
+        where, known = f"compiled problem ({caller()})", self.parameters
         new = merged(values, named, where)
         checked = {known.key(name, where): known.check(name, value, where) for name, value in new.items()}
         return instance(self, checked, self.initial)
@@ -90,7 +90,7 @@ class CompiledProblem:
             ShapeError: the initial state has another size.
             ProblemError: it is not finite, or a quaternion is zero.
         """
-        return instance(self, {}, initial_state(self.phases[0].mode.model, initial, "compiled problem"))
+        return instance(self, {}, initial_state(self.phases[0].mode.model, initial, f"compiled problem ({caller()})"))
 
     def term_name(self, row: Row) -> str:
         """Return the name of the term that a row belongs to."""

@@ -71,11 +71,10 @@ class Term:
             )
         object.__setattr__(self, "parameters", copied(self.parameters))
         for name, value in self.parameters.items():
-            if not np.all(np.isfinite(value)) or (name in self.positive and np.any(value <= 0)):
-                expected = "numbers > 0" if name in self.positive else "finite numbers"
+            if name in self.positive and not np.all(np.asarray(value) > 0):
                 raise ProblemError(
                     f"{self.where}: parameter '{name}' is out of range - got {np.ravel(value).tolist()}, expected "
-                    f"{expected}; change it"
+                    "numbers > 0; change it"
                 )
 
     @property

@@ -106,7 +106,7 @@ class Fixed:
         for name in ("weight", "relaxation"):
             if not getattr(self, name) > 0:
                 raise SolverError(
-                    f"fixed barrier ({caller()}): {name} is out of range - got {getattr(self, name)}, expected a "
+                    f"fixed barrier: {name} is out of range - got {getattr(self, name)}, expected a "
                     "positive number; increase it"
                 )
 

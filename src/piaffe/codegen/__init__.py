@@ -14,6 +14,7 @@ from .cpu import this_cpu as this_cpu
 from .memory import AlignedMemory as AlignedMemory
 from .memory import aligned_zeros as aligned_zeros
 from .memory import shares as shares
+from .simd import UnsupportedOperationError as UnsupportedOperationError
 from .simd import generate as generate
 from .snippets import c_library as c_library
 from .snippets import pointer as pointer
