@@ -14,6 +14,7 @@ from .qp import QpResult as QpResult
 from .qp import QpStatus as QpStatus
 from .qp import solve_qp as solve_qp
 from .receding import ActingPlan as ActingPlan
+from .receding import Adapting as Adapting
 from .receding import Loop as Loop
 from .receding import Plan as Plan
 from .receding import PlannedPhase as PlannedPhase

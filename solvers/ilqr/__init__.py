@@ -1,7 +1,9 @@
 """Multiple-shooting iLQR: the algorithm in NumPy, and the same in C in ``native``."""
 
+from .between import adapt_for_next as adapt_for_next
 from .cause import with_cause as with_cause
 from .iterate import Iterate as Iterate
+from .iterate import PhaseDual as PhaseDual
 from .iterate import ProblemFunctions as ProblemFunctions
 from .ms_ilqr import MSiLQR as MSiLQR
 from .native import OPTIONS as OPTIONS

@@ -41,7 +41,7 @@ class Options:
             trial step. None for no limit.
         adapt: whether the solve changes barrier, multipliers and penalties. Without, they stay as they are at its
             start, and it ends at the first stationary iterate: as ``CONVERGED`` if every tolerance is met, the
-            barrier's included, otherwise as ``STATIONARY``. See :class:`Fixed`.
+            barrier's included, otherwise as ``STATIONARY``. See :class:`Fixed` and :class:`Adapting`.
     """
 
     max_iterations: int = 1000

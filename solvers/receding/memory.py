@@ -33,6 +33,7 @@ class RecedingMemory(Keeper):
         latency: of plans [s]. retiming: of landings; None for none.
         iterations: of a plan.
         first_iterations: of the first plan.
+        adapt_below: see :class:`Adapting`; 0 for a fixed barrier.
     """
 
     def __init__(
@@ -43,13 +44,14 @@ class RecedingMemory(Keeper):
         iterations: int,
         first_iterations: int,
         retiming: Retiming | None = None,
+        adapt_below: float = 0.0,
     ) -> None:
         super().__init__()
         self.horizon, self.tables = horizon, HorizonMemory(horizon)
         self.modes, self.links, self.width = self.tables.modes, self.tables.links, self.tables.width
         self.c = s.Receding(
             horizon=ct.addressof(self.tables.c), latency=latency, iterations=iterations,
-            first_iterations=first_iterations,
+            first_iterations=first_iterations, adapt_below=adapt_below,
         )  # fmt: skip
         if retiming is not None:
             self.c.clock.limit, self.c.clock.gain = retiming.limit, retiming.gain

@@ -20,6 +20,7 @@ _FILES = (
     "layout.inc",
     "numbers.inc",
     "shift.inc",
+    "rows.inc",
     "predict.inc",
     "clock.inc",
 )

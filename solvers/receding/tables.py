@@ -107,6 +107,7 @@ class HorizonMemory(Keeper):
             mode_tables=self.array(ct.c_void_p, of_modes), transition_tables=self.array(ct.c_void_p, of_links),
             moved_sample=self._address("moved_sample"), pose=self._address("pose"),
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
+            adapt=ct.cast(solver.piaffe_adapt, ct.c_void_p),
             followed=self.ints([own_modes.index(mode) if mode in own_modes else -1 for mode in self.modes]),
         )  # fmt: skip
 

@@ -13,6 +13,7 @@
 #include "layout.inc"
 #include "numbers.inc"
 #include "shift.inc"
+#include "rows.inc"
 #include "predict.inc"
 #include "clock.inc"
 
@@ -32,10 +33,13 @@ static long lay_plan(const Receding *r, int count, long *header)
         const Span *span = &r->spans[i];
         const int mode = mode_of(h, span), *link = i + 1 < count ? link_of(h, r->spans, i, nodes_of(r, i) + span->stages) : NULL;
         const Mode *m = h->mode_tables[mode];
-        const long N = span->stages, nu = m->nu, ndx = m->ndx;
+        const Transition *after = link && link[0] >= 0 ? h->transition_tables[link[0]] : NULL;
+        const long N = span->stages, nu = m->nu, ndx = m->ndx, kept = r->adapt_below > 0;
+        const long end_g = m->mg + (after ? after->ng : 0), end_h = m->mh + (after ? after->nh : 0);
         const long sizes[] = {N + 1, (N + 1) * m->nx, N * nu, N * nu, N * nu * ndx, N * ndx, N * nu, N * ndx * ndx, N * nu * ndx,
                               N * nu * nu, N * m->np, N * m->ng, N * m->nh,
-                              link && link[0] >= 0 ? h->transition_tables[link[0]]->np : 0};
+                              after ? after->np : 0, kept * N * m->ng, kept * N * m->ng, kept * N * m->nh, kept * N * m->nh,
+                              kept * end_g, kept * end_g, kept * end_h, kept * end_h};
         long part[PART] = {span->segment, span->place.number, span->place.entry, mode, N, span->first, link ? link[0] : -1,
                            link ? link[3] : 0, span->last};
         for (int j = AT_TIMES; j < PART; j++) {
@@ -208,6 +212,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     shift_plan(r, start, r->clock.shift - before.shift);
     memcpy((double *)pr->initial, start, sizeof start);
     pr->options = r->options;
+    keep_rows(r, r->clock.shift - before.shift);
     pr->options.max_iterations = r->began ? r->iterations : r->first_iterations;
     if (!r->began) pr->options.time_limit_s = 0.0; /* the first plan has no limit of time */
     pr->num_records = pr->cancel = 0;
@@ -218,6 +223,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     if (!plan->header[HAS_POLICY]) clear_policy(pr);
     plan->header[TICK] = k, plan->header[STATUS] = status, plan->header[ITERATIONS] = pr->num_records;
     write_plan(r, plan);
+    adapt_rows(r, plan, status);
     double *f = plan->numbers;
     memcpy(f + ANCHOR, r->course.anchor, sizeof(double) * 3);
     memcpy(f + MOVED, r->course.moved, sizeof(double) * 3);

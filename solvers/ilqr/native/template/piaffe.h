@@ -125,5 +125,7 @@ typedef struct Problem {
  * gains, num_gains and the resume_ fields. Everything else may be of any other solve. */
 int piaffe_solve(Problem *problem, int resumed);
 int piaffe_policy(Problem *problem);
+/* After a solve that did not adapt; the caller has set last_equality. */
+void piaffe_adapt(Problem *problem, int status, double largest_defect);
 double piaffe_merit(Problem *problem);
 #endif

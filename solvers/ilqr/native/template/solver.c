@@ -120,6 +120,20 @@ int piaffe_solve(Problem *pr, int resumed)
     }
 }
 
+/* After a solve that did not adapt: sets the barrier, multipliers and penalties of the next one, as between two sub-problems;
+ * between.py. */
+void piaffe_adapt(Problem *pr, int status, double largest_defect)
+{
+    const Options *o = &pr->options;
+    const Sums at = {.max_h = pr->max_equality, .max_g = pr->max_inequality};
+    if (status != STATIONARY) {
+        const int met = at.max_h <= o->max_equality && at.max_g <= o->max_inequality;
+        const int moved = (status == ITERATION_LIMIT || status == TIME_LIMIT) && pr->num_records > 0;
+        if (!moved || pr->max_defect >= largest_defect || (met && near_gap(pr) <= allowed(pr))) return;
+    }
+    update(pr, &at, status == STATIONARY);
+}
+
 /* The merit of the accepted iterate, with the barrier and multipliers as they are now. */
 double piaffe_merit(Problem *pr) { return augmented_of_accepted(pr) + pr->rho * pr->gap; }
 
