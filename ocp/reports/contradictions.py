@@ -77,7 +77,8 @@ def contradictions(compiled: CompiledProblem) -> Iterator[ProblemWarning]:
                 pair = (rows[i].term, rows[j].term)
                 if gap * size[i] > _GAP and pair not in seen and max(pair) >= 0 and pair[0] != pair[1]:
                     seen.add(pair)
-                    yield _both(compiled, phase, rows[i], rows[j], gap * size[i], node)
+                    last, other = (j, i) if rows[j].term > rows[i].term else (i, j)
+                    yield _both(compiled, phase, rows[last], rows[other], gap * size[last], node)
 
 
 def _gap(first: float, second: float, sign: float, first_equal: bool, second_equal: bool) -> float:
@@ -125,9 +126,8 @@ def _call(function: object, *arguments: Array) -> dict[str, Array]:
 
 
 def _both(
-    compiled: CompiledProblem, phase: CompiledPhase, first: Row, second: Row, gap: float, node: int
+    compiled: CompiledProblem, phase: CompiledPhase, later: Row, earlier: Row, gap: float, node: int
 ) -> ProblemWarning:
-    later, earlier = (second, first) if second.term >= 0 else (first, second)
     term = compiled.terms[later.term]
     other = (
         f" ({compiled.terms[earlier.term].source})" if earlier.term >= 0 else ", which the next phase's contacts need"
@@ -135,7 +135,7 @@ def _both(
     return ProblemWarning(
         f"{term.where}, phase '{phase.name}', node {node}",
         f"two rows exclude each other - got '{compiled.row_name(later)}' and '{compiled.row_name(earlier)}'{other}, "
-        f"{gap * first.scale:.3g} {first.unit}".rstrip()
+        f"{gap * later.scale:.3g} {later.unit}".rstrip()
         + " apart, expected bounds that one state meets; change one of "
         "them, or restrict it with when=",
         term.source,

@@ -105,7 +105,7 @@ def _least(phase: CompiledPhase, active: list[int], held: Array | None) -> tuple
     for start in range(_STARTS):
         x = phase.guess_states[-1]
         if start:
-            x = np.asarray(state.np_plus(x, 0.2 * rng.standard_normal(state.ndx)))
+            x = np.asarray(state.np_plus(x, 0.2 * rng.standard_normal(state.ndx)), dtype=np.float64)
         found = _search(phase, x, active, held)
         if best is None or found[0].max() < best[0].max():
             best = found
@@ -120,7 +120,8 @@ def _search(phase: CompiledPhase, x: Array, active: list[int], held: Array | Non
     damping = 1e-3
     r, J, h = _system(phase, x, active, held)
     for _ in range(_STEPS):
-        step: Array = np.linalg.solve(J.T @ J + damping * np.eye(J.shape[1]), -J.T @ r)
+        normal = J.T @ J + damping * np.eye(J.shape[1])
+        step = np.asarray(np.linalg.solve(normal, -J.T @ r), dtype=np.float64)
         trial = phase.mode.state.np_plus(x, step)
         new, new_J, new_h = _system(phase, trial, active, held)
         if np.all(np.isfinite(new)) and new @ new < r @ r:
