@@ -59,7 +59,13 @@ def _numbers(compiled: CompiledProblem, k: int) -> str:
 def contradictions(compiled: CompiledProblem) -> Iterator[ProblemWarning]:
     """Yield pairs of constraints of which no state and control meets both, and constant rows that are violated."""
     seen: set[tuple[int, ...]] = set()
+    alike: dict[
+        tuple[object, ...], CompiledPhase
+    ] = {}  # bounds do not depend on the phase: one phase of each mode and each set of active rows is enough
     for phase in compiled.phases:
+        masks = (phase.g_mask[0], phase.h_mask[0], phase.end_g_mask, phase.end_h_mask)
+        alike.setdefault((phase.mode, *(mask.tobytes() for mask in masks)), phase)
+    for phase in alike.values():
         for rows, values, equal, node in _tables(phase):
             change = values[1:] - values[0]
             size = np.linalg.norm(change, axis=0)
