@@ -31,6 +31,8 @@ INTERNAL: dict[str, dict[str, str]] = {
         "moved_symbols": "the same as CasADi expressions, for generated code",
         "solve_implicit": "solves the implicit part of nodes, for the receding horizon",
         "Sample": _TYPE,
+        "Source": "a file and a line, of declarations and warnings",
+        "caller": "the line of the user's file that calls Piaffe, for messages",
         "When": _TYPE,
         "call": "runs a user's function, and names it in errors",
         "problem_names": "finds problems in a file, for the error that lists them",

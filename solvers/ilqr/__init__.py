@@ -35,3 +35,4 @@ from .run import Run as Run
 from .warm_start import WarmStart as WarmStart
 from .warm_start import first_iterate as first_iterate
 from .warm_start import iterate_from as iterate_from
+from .warned import issue as issue

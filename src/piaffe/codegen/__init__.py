@@ -21,6 +21,7 @@ from .project import Project as Project
 from .project import check_name as check_name
 from .project import flag_groups as flag_groups
 from .project import write_files as write_files
+from .simd import UnsupportedOperationError as UnsupportedOperationError
 from .simd import generate as generate
 from .snippets import c_library as c_library
 from .snippets import pointer as pointer
