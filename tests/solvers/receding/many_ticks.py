@@ -119,7 +119,7 @@ def run(name: str, ticks: int, seed: int, barrier: solvers.Adapting | None = Non
 
 
 def _follow(lows: list[solvers.Vwbc], plan: solvers.Plan, rng: Rng, shown: Shown) -> None:
-    """Compare the low level's ticks on a plan at three random times and disturbed states, the last far from the plan."""
+    """Compare the low level's ticks on a plan at three random times and states, the last far from the plan."""
     for low in lows:
         low.follow(plan)
     for size in (3e-3, 3e-3, 0.2):
