@@ -12,7 +12,7 @@ from ..language import ProblemWarning
 from .contradictions import contradictions, same_twice
 from .grid import few_steps
 from .reach import out_of_reach
-from .turns import many_turns, other_order
+from .turns import far_angles, many_turns, other_order
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
     """Return what is likely a mistake in a problem; solvers issue these warnings before they iterate."""
     models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
     found = [warning for model in models for warning in model.warnings(compiled.path)]
-    found += [*few_steps(compiled), *many_turns(compiled), *other_order(compiled)]
+    found += [*few_steps(compiled), *many_turns(compiled), *far_angles(compiled), *other_order(compiled)]
     found += [*initial_violations(compiled), *same_twice(compiled), *contradictions(compiled)]
     found += out_of_reach(compiled)
     guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
