@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,8 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
         found += half_turns(
             compiled, [stages.get(p, blank) for p in compiled.phases], [ends.get(p, blank) for p in compiled.phases]
         )
-    return list(dict.fromkeys(found))
+    placed = (each if each.source is not None else replace(each, source=compiled.source) for each in found)
+    return list(dict.fromkeys(placed))
 
 
 def initial_violations(compiled: CompiledProblem) -> list[ProblemWarning]:
