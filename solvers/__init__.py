@@ -6,6 +6,8 @@ from piaffe.ocp import Violation as Violation
 from .batch import BatchPhase as BatchPhase
 from .batch import BatchSolution as BatchSolution
 from .batch import solve_batch as solve_batch
+from .export import Exported as Exported
+from .export import export_controller as export_controller
 from .ilqr import Fixed as Fixed
 from .ilqr import LqPhase as LqPhase
 from .ilqr import MSiLQR as MSiLQR

@@ -20,6 +20,7 @@ from .native import native_memory as native_memory
 from .native import read_iterate as read_iterate
 from .native import read_outer as read_outer
 from .native import read_search as read_search
+from .native import sizes_header as sizes_header
 from .native import structs_of as structs_of
 from .native import write as write
 from .options import Fixed as Fixed

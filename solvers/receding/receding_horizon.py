@@ -98,6 +98,11 @@ class RecedingHorizon:
         """Initial state of the declared problem (nx,)."""
         return self.problem.initial
 
+    @property
+    def compiled(self) -> NativeTick | None:
+        """The tick in C; None for the readable reference."""
+        return self._native
+
     def reset(self) -> None:
         """Delete the last plan and all commands.
 

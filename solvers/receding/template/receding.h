@@ -78,6 +78,8 @@ typedef struct {
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
     int (*solve)(Problem *, int), (*policy)(Problem *);
     void (*adapt)(Problem *, int, double);
+    int lean;                           /* plans have no Q_x and Q_xx, which low levels do not read */
+    double (*clock)(const Problem *);   /* seconds */
     const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
 } Horizon;
 

@@ -3,6 +3,7 @@
 from . import simd as simd
 from .build import SOLVER_FLAGS as SOLVER_FLAGS
 from .build import Built as Built
+from .build import LoadedLibrary as LoadedLibrary
 from .build import build as build
 from .build import load as load
 from .cache import Cache as Cache
@@ -11,9 +12,15 @@ from .compilers import NoCompilerError as NoCompilerError
 from .compilers import NoCompilerWarning as NoCompilerWarning
 from .cpu import available_cores as available_cores
 from .cpu import this_cpu as this_cpu
+from .image import MemoryImage as MemoryImage
 from .memory import AlignedMemory as AlignedMemory
 from .memory import aligned_zeros as aligned_zeros
 from .memory import shares as shares
+from .project import Part as Part
+from .project import Project as Project
+from .project import check_name as check_name
+from .project import flag_groups as flag_groups
+from .project import write_files as write_files
 from .simd import UnsupportedOperationError as UnsupportedOperationError
 from .simd import generate as generate
 from .snippets import c_library as c_library
@@ -21,4 +28,5 @@ from .snippets import pointer as pointer
 from .snippets import run_in_parallel as run_in_parallel
 from .sources import LazySources as LazySources
 from .sources import Sources as Sources
+from .symbols import defined_symbols as defined_symbols
 from .worker import Worker as Worker
