@@ -57,6 +57,7 @@ RUNNING = frozenset[At]({"running"})
 RESETTING = frozenset[At]({"running", "phase_end"})
 """The values of ``at`` of terms that apply at the model's own reset."""
 NOWHERE = frozenset[At]()
+_MODES_KEPT = 10_000
 
 
 @dataclass(frozen=True)
@@ -266,6 +267,8 @@ class Compilation:
         model = span.model
         key = (model, interval.piece, interval.index)
         if key not in self._modes:
+            if len(self._modes) > _MODES_KEPT:  # a controller plans along an endless motion
+                self._modes.clear()
             earlier = self.path.interval_before(interval.start) if interval.start > 0 else None
             self._modes[key] = self.resolve(model, interval.phase), self.neighbour(model, earlier)
         now, before = self._modes[key]

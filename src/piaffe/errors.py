@@ -53,6 +53,10 @@ class FileFormatError(PiaffeError, ValueError):
     """A file has another format, is truncated, or was written by a newer version."""
 
 
+class FileWriteError(PiaffeError, OSError):
+    """A file cannot be written."""
+
+
 class SolverError(PiaffeError, RuntimeError):
     """A solver cannot do what was requested, or a solve that had to converge did not."""
 
