@@ -20,4 +20,7 @@ from .snippets import pointer as pointer
 from .snippets import run_in_parallel as run_in_parallel
 from .sources import LazySources as LazySources
 from .sources import Sources as Sources
+from .trust import CacheError as CacheError
+from .trust import CacheWarning as CacheWarning
+from .trust import NoFolderError as NoFolderError
 from .worker import Worker as Worker
