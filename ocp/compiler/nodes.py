@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
+from piaffe.interrupts import interruptible
 
 from ..language import At, ParameterKey, PlacedPhase, Problem, Sample, model_of
 from .compile import RUNNING, Compilation, nowhere
@@ -54,6 +55,7 @@ class Nodes:
             the model cannot supply, or applies at phases' ends.
     """
 
+    @interruptible()
     def __init__(self, problem: Problem) -> None:
         segment = problem.schedule.segments[0]
         if len(problem.schedule.segments) > 1 or model_of(segment).cut_by_modes:

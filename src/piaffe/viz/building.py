@@ -21,7 +21,7 @@ def start_solver(problem: Problem, options: Options, backend: str) -> MSiLQR:
         backend: ``"native"`` or ``"numpy"``.
     """
     console = Console(stderr=True)
-    with console.status("") as status, warnings.catch_warnings(record=True) as caught:
+    with console.status("compiling the problem") as status, warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", NoCompilerWarning)
 
         def show(done: int, steps: int, what: str) -> None:
