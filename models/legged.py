@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -24,6 +24,7 @@ from piaffe.ocp import (
     Slot,
 )
 
+from .ground_warnings import fastest, ground_warnings
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate
 from .quantities import base, com
@@ -52,6 +53,7 @@ class LeggedModel(ModelBase):
         control: its control space.
         slots: its parameters and their defaults.
         positive: names of those that must be above zero.
+        checks: name → check of values that replace its default, see ``ocp.Slot``.
         cut_by_modes: whether a change of contacts begins a new phase.
         terrain: the ground on which ``state(...)`` places the robot; level at z = 0 by default.
     """
@@ -68,11 +70,18 @@ class LeggedModel(ModelBase):
         *,
         slots: Mapping[str, Any],
         positive: Sequence[str] = (),
+        checks: Mapping[str, Callable[[Array], str]] | None = None,
         cut_by_modes: bool = True,
         terrain: Terrain | None = None,
     ) -> None:
         fixed = tuple(
-            Slot(key, np.size(value), tuple(np.ravel(value).astype(float).tolist()), key in positive)
+            Slot(
+                key,
+                np.size(value),
+                tuple(np.ravel(value).astype(float).tolist()),
+                key in positive,
+                (checks or {}).get(key),
+            )
             for key, value in slots.items()
         )
         super().__init__(name, RobotState(state, robot, terrain), control, slots=fixed, cut_by_modes=cut_by_modes)
@@ -170,13 +179,21 @@ class LeggedModel(ModelBase):
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
     def warnings(self, path: object) -> list[ProblemWarning]:
-        """Return warnings about keyframes, see :mod:`piaffe.models.warnings`."""
-        return keyframe_warnings(self.robot, self.resolve, path) if isinstance(path, Path) else []
+        """Return warnings about keyframes and about what the motion asks of the ground."""
+        if not isinstance(path, Path):
+            return []
+        ground = ground_warnings(self.robot, self.state.terrain, self.resolve, path)
+        return keyframe_warnings(self.robot, self.resolve, path) + list(ground)
 
     @property
     def planar_pose(self) -> tuple[Quantity, Quantity]:
         """The base's position and orientation."""
         return base.position, base.orientation
+
+    @property
+    def fastest(self) -> float:
+        """Speed of the base above which targets are reported, see :func:`ground_warnings` [m/s]."""
+        return fastest(self.robot)
 
     # ---- parameters in numbers
 

@@ -57,6 +57,10 @@ class FileWriteError(PiaffeError, OSError):
     """A file cannot be written."""
 
 
+class PiaffeWarning(UserWarning):
+    """A declaration is usable, but it is likely not what was meant; the message has file and line."""
+
+
 class SolverError(PiaffeError, RuntimeError):
     """A solver cannot do what was requested, or a solve that had to converge did not."""
 

@@ -15,6 +15,7 @@ from piaffe.interrupts import interruptible
 from .arguments import FAILED, INTERRUPTED, REFUSED
 from .cache import cache
 from .doctor import doctor
+from .export import export
 from .mpc import mpc
 from .mppi import NamesControllers, mppi
 from .picture_commands import plot, video, view
@@ -22,7 +23,7 @@ from .problem_commands import check, describe, solve, verify
 from .reports import plain, terminal
 from .study import study
 
-COMMANDS = (describe, solve, verify, check, plot, video, view, doctor, cache, mpc, mppi, study)
+COMMANDS = (describe, solve, verify, check, plot, video, view, doctor, cache, mpc, mppi, study, export)
 
 app = typer.Typer(
     name="piaffe",

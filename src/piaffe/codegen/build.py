@@ -8,7 +8,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from piaffe import __version__
@@ -53,6 +53,8 @@ class Built:
         width: doubles per vector, ``PIAFFE_W``.
         compiler: version of the compiler.
         key: digest of the library's sources, flags, compiler and processor; its name in the cache.
+        sources: what it is compiled from.
+        flags: flags of the units without their own.
     """
 
     path: Path
@@ -61,6 +63,14 @@ class Built:
     width: int
     compiler: str
     key: str
+    sources: LazySources = field(repr=False, compare=False)
+    flags: tuple[str, ...] = ()
+
+
+class LoadedLibrary(ctypes.CDLL):
+    """A loaded library, which knows how it was built."""
+
+    built: Built
 
 
 @dataclass(frozen=True)
@@ -157,7 +167,7 @@ def _built(recipe: _Recipe, cache: Cache, label: str, progress: Progress | None,
 
     def result(entry: Entry, key: str, compiler: Compiler, built: bool) -> Built:
         seconds = time.perf_counter() - began
-        return Built(entry.library, built, seconds, recipe.width, compiler.version, key)
+        return Built(entry.library, built, seconds, recipe.width, compiler.version, key, recipe.sources, recipe.flags)
 
     for compiler in candidates():  # before any compiler is tested, because a test takes longer than this search
         key = recipe.key(compiler, cpu)
@@ -191,7 +201,7 @@ def _built(recipe: _Recipe, cache: Cache, label: str, progress: Progress | None,
         return result(cache.store(key, library, about), key, compiler, True)
 
 
-def load(built: Built) -> ctypes.CDLL:
+def load(built: Built) -> LoadedLibrary:
     """Load a library, after a check that it is complete and built for this processor.
 
     Raises:
@@ -203,7 +213,7 @@ def load(built: Built) -> ctypes.CDLL:
         got = "a file that is damaged or was built for another processor" if built.path.exists() else "no file"
         raise SolverError(f"library '{built.path}': not loaded - got {got}, expected the built file; build it again")
     try:
-        return ctypes.CDLL(str(built.path))
+        library = LoadedLibrary(str(built.path))
     except OSError as error:
         if NOEXEC in str(error):
             return _load_elsewhere(entry)
@@ -235,6 +245,8 @@ def _load_elsewhere(entry: Entry) -> ctypes.CDLL:
             f"native backend: no folder to load compiled libraries from - got {error}, expected a folder without "
             f"'noexec'; {advice}"
         ) from error
+    library.built = built
+    return library
 
 
 def _checked_width(width: int) -> int:
