@@ -215,15 +215,17 @@ def load(built: Built) -> LoadedLibrary:
     try:
         library = LoadedLibrary(str(built.path))
     except OSError as error:
-        if NOEXEC in str(error):
-            return _load_elsewhere(entry)
-        raise SolverError(
-            f"library '{built.path}': not loaded - got {error}, expected a shared library for this machine; remove it "
-            "(piaffe cache --clear) and build it again"
-        ) from error
+        if NOEXEC not in str(error):
+            raise SolverError(
+                f"library '{built.path}': not loaded - got {error}, expected a shared library for this machine; remove "
+                "it (piaffe cache --clear) and build it again"
+            ) from error
+        library = _load_elsewhere(entry)
+    library.built = built
+    return library
 
 
-def _load_elsewhere(entry: Entry) -> ctypes.CDLL:
+def _load_elsewhere(entry: Entry) -> LoadedLibrary:
     """Load a copy of a library in the temporary folder of this process: its own folder is mounted noexec.
 
     Raises:
@@ -239,14 +241,12 @@ def _load_elsewhere(entry: Entry) -> ctypes.CDLL:
             with cache.building(key) as folder:
                 shutil.copyfile(entry.library, folder / "copy.so")
                 copy = cache.store(key, folder / "copy.so", entry.manifest)
-        return ctypes.CDLL(str(copy.library))
+        return LoadedLibrary(str(copy.library))
     except (CacheError, OSError) as error:
         raise NoFolderError(
             f"native backend: no folder to load compiled libraries from - got {error}, expected a folder without "
             f"'noexec'; {advice}"
         ) from error
-    library.built = built
-    return library
 
 
 def _checked_width(width: int) -> int:
