@@ -170,8 +170,9 @@ class LeggedModel(ModelBase):
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
     def warnings(self, path: object) -> list[ProblemWarning]:
-        """Return warnings about keyframes, see :mod:`piaffe.models.warnings`."""
-        return keyframe_warnings(self.robot, self.resolve, path) if isinstance(path, Path) else []
+        """Return warnings about the robot's file, and about keyframes, see :mod:`piaffe.models.warnings`."""
+        own = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
+        return own + (keyframe_warnings(self.robot, self.resolve, path) if isinstance(path, Path) else [])
 
     @property
     def planar_pose(self) -> tuple[Quantity, Quantity]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.ocp import match_labels
+
+from .doctor_urdf import Finding
 
 Array = NDArray[np.float64]
 
@@ -62,6 +64,9 @@ class Robot:
         recipe: how it was loaded, for files: see :mod:`piaffe.models.robots`; empty for a robot built by hand.
         joint_damping: viscous damping of the joints, (n,) [Nm s/rad]; zero if it is left out.
         joint_friction: dry friction of the joints, (n,) [Nm]; zero if it is left out.
+        base: ``"free"`` for a floating base, ``"fixed"`` for one that stands still in the world. The model has a
+            free-flyer in both cases; with a fixed base its place is the origin.
+        warnings: what :func:`piaffe.models.diagnose` finds and is no error; ``describe`` and solves show them.
     """
 
     name: str
@@ -80,6 +85,8 @@ class Robot:
     recipe: Mapping[str, Any] = field(default_factory=dict, repr=False)
     joint_damping: Array = field(default_factory=lambda: np.zeros(0))
     joint_friction: Array = field(default_factory=lambda: np.zeros(0))
+    base: Literal["free", "fixed"] = "free"
+    warnings: tuple[Finding, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         _check_joints(self.name, self.model, self.joint_names)

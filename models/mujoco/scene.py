@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
-import pinocchio
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
 
+from ..links import body_names as body_names
 from ..mujoco_import import import_mujoco
 from ..robot import ROOT, Robot
 from ..terrain import Flat, Terrain
@@ -129,15 +129,6 @@ def restore_inertias(model: Any, robot: Robot) -> None:
         body.inertia[:] = principal
         body.iquat[:] = quaternion(axes * np.sign(np.linalg.det(axes)))
     mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def body_names(robot: Robot) -> tuple[str, ...]:
-    """Return the name of the link that each joint moves, the base's first."""
-    names: dict[int, str] = {}
-    for frame in robot.model.frames:
-        if frame.type == pinocchio.FrameType.BODY and frame.parentJoint not in names:
-            names[frame.parentJoint] = frame.name
-    return tuple(names.get(j, robot.model.names[j]) for j in range(ROOT, robot.model.njoints))
 
 
 # ---- the mechanism

@@ -6,5 +6,6 @@ from .description import locate as locate
 from .known import KnownRobot as KnownRobot
 from .known import names as names
 from .load import load as load
+from .load import unclear_base as unclear_base
 from .recipes import robot_from_recipe as robot_from_recipe
 from .recipes import robot_recipe as robot_recipe

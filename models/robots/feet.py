@@ -40,6 +40,8 @@ def feet_with_roles(
     for foot in made:
         if not model.existFrame(foot.frame):
             raise UnknownNameError(f"robot '{model.name}', foot '{foot.name}'", "frame", foot.frame, leaf_frames(model))
+    if not made:
+        return ()
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, pinocchio.neutral(model))
     places = np.array([data.oMf[model.getFrameId(foot.frame)].translation[:2] for foot in made])
