@@ -26,7 +26,7 @@ from piaffe.ocp import (
 
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate
-from .quantities import base, com
+from .quantities import base, com, joints
 from .robot import Robot
 from .robots import robot_recipe
 from .stance import Stance, stance
@@ -40,6 +40,24 @@ VELOCITY_BLOCKS = (
     Block(base.linear_velocity, XYZ, rate_of=base.position),
     Block(base.angular_velocity, XYZ, rate_of=base.orientation),
 )
+
+
+def state_blocks(robot: Robot) -> tuple[Block, ...]:
+    """Return the blocks of a state with all joints: with a fixed base positions and velocities of the joints alone."""
+    position = Block(joints.position, robot.joint_names)
+    velocity = Block(joints.velocity, robot.joint_names, rate_of=joints.position)
+    if robot.base == "fixed":
+        return position, velocity
+    return *POSE_BLOCKS, position, *VELOCITY_BLOCKS, velocity
+
+
+def require_floating(robot: Robot, where: str) -> None:
+    """Raise ModelError unless the base floats."""
+    if robot.base == "fixed":
+        raise ModelError(
+            f"{where}: the base of '{robot.name}' is fixed - got base='fixed', expected a base that floats; use "
+            "models.WholeBody, or load the robot with base='free'"
+        )
 
 
 class LeggedModel(ModelBase):
@@ -152,7 +170,7 @@ class LeggedModel(ModelBase):
     def ballistic_centre(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> BallisticPoint:
         """Return that the centre of mass falls freely if no foot is on the ground."""
         place, speed = (quantities.bind(each).value for each in (com.position, com.velocity))
-        flag = cs.SX(1)
+        flag = cs.SX(float(self.robot.base == "free"))
         for i in range(self.num_feet):
             flag *= 1 - p["contact"][i]
         return BallisticPoint("centre of mass", flag, place, speed, p["gravity"])
@@ -175,9 +193,9 @@ class LeggedModel(ModelBase):
         return own + (keyframe_warnings(self.robot, self.resolve, path) if isinstance(path, Path) else [])
 
     @property
-    def planar_pose(self) -> tuple[Quantity, Quantity]:
-        """The base's position and orientation."""
-        return base.position, base.orientation
+    def planar_pose(self) -> tuple[Quantity, Quantity] | None:
+        """The base's position and orientation; None if the base is fixed."""
+        return (base.position, base.orientation) if self.robot.base == "free" else None
 
     # ---- parameters in numbers
 

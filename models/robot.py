@@ -53,7 +53,8 @@ class Robot:
         feet: the feet; their order is that of every stacked foot quantity.
         foot_radius: radius of the foot's ball; a foot touches the ground when its frame is this far above it [m].
         joint_names: names in state order, n of them.
-        torque_limit: largest torque, (n,) [Nm]; this and the other limits are infinite where there is none.
+        torque_limit: largest torque, (n,) [Nm], force of a prismatic joint [N]; this and the other limits are infinite
+            where there is none. A joint whose limit is zero is passive: it has no control.
         joint_lower: smallest angle, (n,) [rad].
         joint_upper: largest angle, (n,) [rad].
         joint_speed_limit: largest speed, (n,) [rad/s].
@@ -112,13 +113,23 @@ class Robot:
 
     @property
     def num_joints(self) -> int:
-        """Number of actuated joints n."""
+        """Number of joints n, passive ones included."""
         return len(self.joint_names)
 
     @property
     def foot_names(self) -> tuple[str, ...]:
         """Names of the feet, in order."""
         return tuple(foot.name for foot in self.feet)
+
+    @cached_property
+    def motors(self) -> tuple[int, ...]:
+        """Indices of the joints that have a control; the others are passive, with a torque limit of zero."""
+        return tuple(int(i) for i in np.flatnonzero(self.torque_limit > 0))
+
+    @property
+    def motor_names(self) -> tuple[str, ...]:
+        """Names of the joints that have a control, in state order."""
+        return tuple(self.joint_names[i] for i in self.motors)
 
     @cached_property
     def foot_of_joint(self) -> tuple[int, ...]:
@@ -224,6 +235,11 @@ class Robot:
 
     def base_height(self, joints: object = "stand") -> float:
         """Return the height of a level base at which the lowest foot touches flat ground at z = 0 [m]."""
+        if not self.feet:
+            raise ModelError(
+                f"robot '{self.name}': its base has no height above the ground - got no feet, expected at least one; "
+                "give the base's position"
+            )
         q = pinocchio.neutral(self.model)
         q[7:] = self.pose(joints)
         data = self.model.createData()

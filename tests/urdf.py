@@ -48,3 +48,24 @@ def robot(body: str, name: str = "cart") -> str:
 def cart(extra: str = "") -> str:
     """Return the text of a trunk on two legs."""
     return robot(link("trunk", 6.0, inertia=0.08) + leg("l", 0.1) + leg("r", -0.1) + extra)
+
+
+def crane() -> str:
+    """Return the text of a trunk on two legs with prismatic knees, oblique to all axes, and a sliding weight on top."""
+    slide = '<limit lower="-0.1" upper="0.15" effort="300" velocity="2"/>'
+    text = cart(
+        link("weight", 1.5, "0.02 0.01 0.03", 0.006)
+        + joint("slide", "trunk", "weight", kind="prismatic", xyz="0.05 0 0.1", axis="0.6 0.64 0.48", limit=slide)
+        + link("tip", 0.2, "0.03 0 0.02", 0.0005)
+        + joint("wrist", "weight", "tip", xyz="0.01 0.02 0.05", axis="0 0.6 0.8")
+    )
+    for side in "lr":
+        turning = joint(f"{side}_knee", f"{side}_thigh", f"{side}_shank", xyz="0 0 -0.25")
+        place = "0 0 -0.25"
+        axis = "0.1 0.05 -1"
+        sliding = joint(
+            f"{side}_knee", f"{side}_thigh", f"{side}_shank", kind="prismatic", xyz=place, axis=axis, limit=slide
+        )
+        assert turning in text
+        text = text.replace(turning, sliding)
+    return text

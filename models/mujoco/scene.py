@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
+import pinocchio
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
@@ -108,7 +109,7 @@ def compile_spec(spec: Any, robot: Robot) -> Any:
             f"robot '{robot.name}': MuJoCo does not compile it - got '{error}', expected a model that compiles; run "
             "`piaffe doctor` on its URDF"
         ) from error
-    names = tuple(model.joint(i).name for i in range(1, model.njnt))
+    names = tuple(model.joint(i).name for i in range(1 if robot.base == "free" else 0, model.njnt))
     if names != robot.joint_names:
         raise ModelError(
             f"robot '{robot.name}': MuJoCo orders joints differently - got {names}, expected {robot.joint_names}; "
@@ -141,6 +142,8 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
     names = body_names(robot)
     for j in range(ROOT, model.njoints):
         place, inertia = model.jointPlacements[j], model.inertias[j]
+        if j == ROOT and robot.base == "fixed":
+            place = pinocchio.SE3.Identity()
         parent = spec.worldbody if j == ROOT else bodies[model.parents[j]]
         body = parent.add_body(name=names[j - ROOT], pos=place.translation, quat=quaternion(place.rotation))
         about_com = inertia.inertia
@@ -150,7 +153,8 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
         body.fullinertia = about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         bodies[j] = body
         if j == ROOT:
-            body.add_freejoint(name=model.names[j])
+            if robot.base == "free":
+                body.add_freejoint(name=model.names[j])
             continue
         i = j - ROOT - 1
         subspace = robot.joint_axis(j)
@@ -172,7 +176,7 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
 
 def _add_motors(mujoco: Any, spec: Any, robot: Robot) -> None:
     """Add a torque actuator for each joint, in state order."""
-    for name, limit in zip(robot.joint_names, robot.torque_limit, strict=True):
+    for name, limit in zip(robot.motor_names, robot.torque_limit[list(robot.motors)], strict=True):
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
         if np.isfinite(limit):

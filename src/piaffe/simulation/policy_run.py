@@ -141,7 +141,7 @@ def sampled(policy: Policy, timestep: float) -> Steps:
 
 def play(steps: Steps, plant: Mujoco, initial: ArrayLike, control: Control | None = None) -> PolicyRun:
     """Simulate a sampled policy, or another controller of its plan, from a state (nx,), see :func:`run_policy`."""
-    policy, limits = steps.policy, plant.robot.torque_limit
+    policy, limits = steps.policy, plant.robot.torque_limit[list(plant.robot.motors)]
     simulated = Simulation(plant, np.array(initial, dtype=float))
     states, forces, slips, touching, errors, full = [], [], [], [], [], []
     lost = None
