@@ -31,7 +31,7 @@ def locate(name_or_path: str | Path) -> tuple[Path, tuple[str, ...]]:
         if path.suffix == ".urdf":
             if not path.exists():
                 raise ModelError(f"URDF '{path}': no such file - got '{path}', expected a URDF file; check the path")
-            return path, (str(path.parent), str(path.parent.parent), str(path.parent.parent.parent))
+            return path, tuple(str(folder) for folder in list(path.resolve().parents)[:5])
         raise UnknownNameError("models.load", "robot", str(name_or_path), [*names(), "a path that ends in .urdf"])
     if (_HERE / known.urdf).exists():
         return _HERE / known.urdf, (str(_HERE),)
