@@ -15,7 +15,7 @@ from .doctor_bodies import examine_bodies, without_mass
 from .doctor_urdf import Finding, examine_text, finding, merge_findings
 from .kinematics import Kinematics
 from .robot import ROOT, Foot, Robot
-from .robots import build_model, leaf_frames, load, locate, names, unclear_base
+from .robots import build_model, crossed_feet, leaf_frames, load, locate, names, unclear_base
 
 Array = NDArray[np.float64]
 Feet = Sequence[str] | Sequence[Foot] | Mapping[str, str] | None
@@ -89,7 +89,7 @@ def _examine_model(
         found.append(Finding("note", "limits", text))
     found += examine_bodies(robot)
     if robot.base == "free":
-        found += [*_feet(robot), *_stand(robot)]
+        found += [*crossed_feet(robot.feet), *_feet(robot), *_stand(robot)]
     return [*found, *_looks(robot)]
 
 

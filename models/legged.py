@@ -24,6 +24,7 @@ from piaffe.ocp import (
     Slot,
 )
 
+from .borrowed import trajectory_warnings
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate
 from .quantities import base, com, joints
@@ -188,9 +189,12 @@ class LeggedModel(ModelBase):
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
     def warnings(self, path: object) -> list[ProblemWarning]:
-        """Return warnings about the robot's file, and about keyframes, see :mod:`piaffe.models.warnings`."""
-        own = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
-        return own + (keyframe_warnings(self.robot, self.resolve, path) if isinstance(path, Path) else [])
+        """Return warnings about the robot's file, about keyframes, and about trajectories of other robots."""
+        found = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
+        if isinstance(path, Path):
+            found += keyframe_warnings(self.robot, self.resolve, path)
+            found += trajectory_warnings(self.robot, self.state.terrain, self.resolve, path)
+        return found
 
     @property
     def planar_pose(self) -> tuple[Quantity, Quantity] | None:

@@ -19,7 +19,7 @@ from ..kinematics import Kinematics
 from ..per_joint import per_joint
 from ..robot import ROOT, Foot, Robot
 from .description import build_model, leaf_frames, locate, urdf_text
-from .feet import feet_of_known, feet_with_roles
+from .feet import crossed_feet, feet_of_known, feet_with_roles
 from .known import KnownRobot, known_robot, names
 
 Array = NDArray[np.float64]
@@ -124,6 +124,8 @@ def load(
     robot = with_poses(replace(robot, **losses), poses or {})
     if known is None and checked:
         warnings += _refuse_errors(urdf, examine_bodies(robot))
+    if checked:
+        warnings = (warnings if known is None else []) + list(crossed_feet(robot.feet))
         kept = tuple(one for one in merge_findings(warnings) if one.severity == "warning")
         robot = replace(robot, warnings=kept)
     if known is None and robot.feet and robot.base == "free":

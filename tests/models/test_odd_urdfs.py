@@ -235,3 +235,20 @@ def test_a_robot_of_fixed_joints_has_no_joints(tmp_path):
     text = robot(link("a", 1.0) + link("b", 1.0) + joint("ab", "a", "b", kind="fixed"))
     with pytest.raises(ModelError, match=r"has no joints - got none that moves"):
         models.load(written(tmp_path, text=text), feet=("b",))
+
+
+def test_feet_that_are_not_where_their_names_say_are_warned_of(tmp_path):
+    urdf = written(tmp_path)
+    crossed = models.load(urdf, feet={"left": "r_foot", "right": "l_foot"}).warnings
+    assert [one.where for one in crossed] == ["foot 'left', 'right'"] or len(crossed) == 2
+    assert "its name and its place differ - got frame 'r_foot', right, expected a left foot" in crossed[0].text
+    assert models.load(urdf, feet={"R": "r_foot", "L": "l_foot"}).warnings == ()
+    assert models.load(urdf, feet={"toe": "r_foot", "heel": "l_foot"}).warnings == ()
+    cheetah = models.load("mini_cheetah")
+    swapped = {"FL": "HL_FOOT", "FR": "FR_FOOT", "HL": "FL_FOOT", "HR": "HR_FOOT"}
+    found = models.load("mini_cheetah", feet=swapped).warnings
+    assert [one.where for one in found] == ["foot 'FL'", "foot 'HL'"]
+    assert "got frame 'HL_FOOT', hind, expected a front foot" in found[0].text
+    assert cheetah.warnings == ()
+    chosen = [models.Foot("left", "r_foot", frozenset({"left"})), models.Foot("right", "l_foot", frozenset({"right"}))]
+    assert models.load(urdf, feet=chosen).warnings == ()
