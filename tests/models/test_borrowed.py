@@ -40,7 +40,7 @@ def test_a_trajectory_of_another_robot_is_named(stand):
 
 def test_so_is_one_from_a_file(stand, tmp_path):
     again = solvers.Solution.load(stand.save(tmp_path / "stand.npz"))
-    assert not [each for each in warnings_of(problem_of("mini_cheetah", ocp.Motion.from_solution(again)))]
+    assert warnings_of(problem_of("mini_cheetah", ocp.Motion.from_solution(again))) == []
     told = [each for each in warnings_of(problem_of("solo12", ocp.Motion.from_solution(again))) if "targets" in each]
     assert len(told) == 1
     assert "standing foot is not on the ground in the trajectory of the targets - got FL 0." in told[0]
@@ -48,7 +48,9 @@ def test_so_is_one_from_a_file(stand, tmp_path):
 
 
 def test_a_changed_copy_of_a_robot_is_the_same_robot(stand):
-    heavier = replace(models.load("mini_cheetah"), torque_limit=models.load("mini_cheetah").torque_limit * 2)
+    heavier = replace(
+        models.load("mini_cheetah"), name="strong", torque_limit=models.load("mini_cheetah").torque_limit * 2
+    )
     body = models.WholeBody(heavier)
     declared = problem_of("mini_cheetah", ocp.Motion.from_solution(stand))
     changed = ocp.Problem(declared.motion, body.until_end(dt=0.01), declared.objective, initial=body.state())
