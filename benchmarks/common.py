@@ -12,6 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -23,7 +24,7 @@ import numpy as np
 
 from piaffe import ocp, solvers
 from piaffe.codegen.build import EXPRESSION_FLAGS, SOLVER_FLAGS, Built, build, load
-from piaffe.codegen.cpu import this_cpu
+from piaffe.codegen.cpu import Cpu, this_cpu
 from piaffe.codegen.sources import LazySources, Sources
 from piaffe.solvers.ilqr.native.library import KERNEL_FLAGS, Library, library_for
 from piaffe.solvers.ilqr.native.memory import SolverMemory
@@ -114,6 +115,27 @@ def library_at(problem: ocp.CompiledProblem, width: int, target: str) -> Library
     parts = LazySources([*source_parts(modes, links), *kernels], make)
     built = build(parts, flags=expressions, width=width, label=f"benchmark, {target}")
     return Library(load(built), built, modes, links)
+
+
+class _Avx2(Cpu):
+    """A processor with AVX2, and no wider vectors."""
+
+    @property
+    def native(self) -> str:
+        return "-march=x86-64-v3"
+
+    @property
+    def fingerprint(self) -> str:
+        return super().fingerprint[:-2] + "v3"
+
+
+def compile_for_avx2() -> None:
+    """Let all that is compiled from now on in this process be for processors with AVX2, with vectors of four."""
+    cpu = this_cpu()
+    features = frozenset(name for name in cpu.features if not name.startswith("avx512"))
+    reduced = _Avx2(cpu.machine, cpu.name, cpu.identity, features, cpu.libc)
+    for name in ("build", "compilers"):
+        vars(import_module(f"piaffe.codegen.{name}"))["this_cpu"] = lambda: reduced
 
 
 def begin(

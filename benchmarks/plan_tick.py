@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from cascade import HEAD, HEAD_DT, SPEED, declaration
-from common import arguments, surroundings, tell
+from common import arguments, compile_for_avx2, surroundings, tell
 
 from piaffe import models, ocp, solvers
 
@@ -26,9 +26,15 @@ def problem() -> ocp.Problem:
     return ocp.Problem(models.gaits.trot(speed=SPEED), schedule, walking + effort, limits, initial=initial)
 
 
-def main(repeats: int = 3, json: bool = False, save: bool = False) -> dict[str, Any]:
+def main(
+    repeats: int = 3, json: bool = False, save: bool = False, avx2: bool = False, adapting: bool = False
+) -> dict[str, Any]:
     """Print and return median and 99th percentile of a plan and of its parts [ms]."""
-    mpc = solvers.RecedingHorizon(problem())
+    if avx2:
+        compile_for_avx2()
+    mpc = solvers.RecedingHorizon(problem(), barrier=solvers.Adapting() if adapting else None)
+    assert mpc._native is not None  # there is a compiler
+    width = mpc._native.memory.width
     times: list[float] = []
     parts: dict[str, list[float]] = {"numbers": [], "solve": [], "policy": [], "follow": []}
     for seed in range(repeats):
@@ -50,17 +56,19 @@ def main(repeats: int = 3, json: bool = False, save: bool = False) -> dict[str, 
             parts["follow"].append(times[-1] - (planned - began))
             for name, seconds in plan.seconds.items():
                 parts[name].append(seconds)
-    results: dict[str, Any] = {"benchmark": "plan_tick", "ticks": TICKS, "repeats": repeats, "ms": {}}
+    results: dict[str, Any] = {"benchmark": "plan_tick", "ticks": TICKS, "repeats": repeats, "width": width, "ms": {}}
     for name, values in {"plan": times, **parts}.items():
         middle, high = np.percentile(1e3 * np.array(values), [50, 99])
         results["ms"][name] = {"median": round(float(middle), 3), "p99": round(float(high), 3)}
     results |= surroundings()
-    lines = [f"a plan of the receding horizon; ms of the thread\n{'':8}{'median':>8}{'99 %':>8}"]
+    lines = [f"a plan of the receding horizon, vectors of {width}; ms of the thread\n{'':8}{'median':>8}{'99 %':>8}"]
     lines += [f"{name:8}{each['median']:8.2f}{each['p99']:8.2f}" for name, each in results["ms"].items()]
     tell(results, lines, json=json, save=save)
     return results
 
 
 if __name__ == "__main__":
-    options = arguments(__doc__ or "", 3).parse_args()
-    main(**vars(options))
+    parser = arguments(__doc__ or "", 3)
+    parser.add_argument("--avx2", action="store_true", help="compile for processors with AVX2, with vectors of four")
+    parser.add_argument("--adapting", action="store_true", help="with a barrier that adapts between plans")
+    main(**vars(parser.parse_args()))

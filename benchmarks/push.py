@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-from common import arguments, surroundings, tell
+from common import arguments, example, surroundings, tell
 
 from piaffe import models, ocp, simulation, solvers
 
@@ -21,21 +21,14 @@ LOWS = ("Vwbc", "Riccati", "FeedforwardPD")
 
 def problem(rotors: bool) -> ocp.Problem:
     """Return the bound of ``examples/bound_mpc.py``, with rotors and losses of joints or without."""
-    from importlib.util import module_from_spec, spec_from_file_location
-    from pathlib import Path
-
-    spec = spec_from_file_location("bound_mpc", Path(__file__).parents[1] / "examples" / "bound_mpc.py")
-    assert spec is not None  # the file is there
-    assert spec.loader is not None
-    example = module_from_spec(spec)
-    spec.loader.exec_module(example)
+    bound = example("bound_mpc")
     if rotors:
-        return example.problem
+        return bound.problem
     robot = models.load("mini_cheetah")
     body, srb = models.WholeBody(robot), models.SingleRigidBody(robot)
-    cascade = body.over(0.25, dt=0.01).without(example.effort) + srb.over(0.50, dt=0.05).without(example.limits)
+    cascade = body.over(0.25, dt=0.01).without(bound.effort) + srb.over(0.50, dt=0.05).without(bound.limits)
     return ocp.Problem(
-        example.bound, cascade, example.objective + example.effort, example.limits, initial=example.problem.initial
+        bound.bound, cascade, bound.objective + bound.effort, bound.limits, initial=bound.problem.initial
     )
 
 

@@ -46,6 +46,7 @@ def trajectory_warnings(
                 f"motion, phase '{piece.phases[0].name}' ({piece.phases[0].source})",
                 f"the targets are of another robot - got a trajectory of '{found.name}', expected one of "
                 f"'{robot.name}'; use a solution of this robot",
+                piece.phases[0].source,
             )
         elif isinstance(terrain, Flat):
             yield from _off_ground(robot, terrain, resolve, list(zip(piece.phases, parts, strict=False)))
@@ -79,5 +80,6 @@ def _off_ground(
                 f"motion, phase '{phase.name}' ({phase.source})",
                 f"standing foot is not on the ground in the trajectory of the targets - got {got}, expected within "
                 f"{OFF_GROUND} m; use a solution of '{robot.name}', the trajectory is of model '{part.model}'",
+                phase.source,
             )
             return

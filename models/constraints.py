@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from piaffe.errors import ProblemError
-from piaffe.ocp import ResetRows, When, inequality, match_labels
+from piaffe.ocp import ResetRows, When, caller, inequality, match_labels
 
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
 _NATURAL_SPEED = 0.1  # [m/s]; times the mass it is the scale of impulses
@@ -42,6 +42,7 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
         unit="N",
         mask=_pyramid_contact,
         parameters={"mu": mu},
+        positive=("mu",),
         labels=_faces,
         at_reset=_IMPULSES if impulses else None,
     )
@@ -250,13 +251,15 @@ def _base(model: Any) -> tuple[str, ...]:
 
 
 def _require(where: str, what: str, got: Any, holds: Callable[[float], bool], expected: str) -> None:
-    if not isinstance(got, int | float | np.number) or not holds(float(got)):
-        raise ProblemError(f"{where}: {what} is out of range - got {got!r}, expected {expected}; change it")
+    if not isinstance(got, int | float | np.number) or isinstance(got, bool) or not holds(float(got)):
+        raise ProblemError(
+            f"{where} ({caller()}): {what} is out of range - got {got!r}, expected {expected}; change it"
+        )
 
 
 def _require_bound(where: str, what: str, lower: float | None, upper: float | None) -> None:
     if lower is None and upper is None:
-        raise ProblemError(f"{where}: no bound - got none, expected {what}; give one")
+        raise ProblemError(f"{where} ({caller()}): no bound - got none, expected {what}; give one")
 
 
 _IMPULSES = ResetRows(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -25,6 +25,7 @@ from piaffe.ocp import (
 )
 
 from .borrowed import trajectory_warnings
+from .ground_warnings import fastest, ground_warnings
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate
 from .quantities import base, com, joints
@@ -71,6 +72,7 @@ class LeggedModel(ModelBase):
         control: its control space.
         slots: its parameters and their defaults.
         positive: names of those that must be above zero.
+        checks: name → check of values that replace its default, see ``ocp.Slot``.
         cut_by_modes: whether a change of contacts begins a new phase.
         terrain: the ground on which ``state(...)`` places the robot; level at z = 0 by default.
     """
@@ -87,11 +89,18 @@ class LeggedModel(ModelBase):
         *,
         slots: Mapping[str, Any],
         positive: Sequence[str] = (),
+        checks: Mapping[str, Callable[[Array], str]] | None = None,
         cut_by_modes: bool = True,
         terrain: Terrain | None = None,
     ) -> None:
         fixed = tuple(
-            Slot(key, np.size(value), tuple(np.ravel(value).astype(float).tolist()), key in positive)
+            Slot(
+                key,
+                np.size(value),
+                tuple(np.ravel(value).astype(float).tolist()),
+                key in positive,
+                (checks or {}).get(key),
+            )
             for key, value in slots.items()
         )
         super().__init__(name, RobotState(state, robot, terrain), control, slots=fixed, cut_by_modes=cut_by_modes)
@@ -189,17 +198,24 @@ class LeggedModel(ModelBase):
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
     def warnings(self, path: object) -> list[ProblemWarning]:
-        """Return warnings about the robot's file, about keyframes, and about trajectories of other robots."""
+        """Return warnings about the robot's file, keyframes, the ground, and trajectories of other robots."""
         found = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
-        if isinstance(path, Path):
-            found += keyframe_warnings(self.robot, self.resolve, path)
-            found += trajectory_warnings(self.robot, self.state.terrain, self.resolve, path)
-        return found
+        if not isinstance(path, Path):
+            return found
+        found += keyframe_warnings(self.robot, self.resolve, path)
+        if self.robot.base == "free":
+            found += ground_warnings(self.robot, self.state.terrain, self.resolve, path)
+        return found + list(trajectory_warnings(self.robot, self.state.terrain, self.resolve, path))
 
     @property
     def planar_pose(self) -> tuple[Quantity, Quantity] | None:
         """The base's position and orientation; None if the base is fixed."""
         return (base.position, base.orientation) if self.robot.base == "free" else None
+
+    @property
+    def fastest(self) -> float | None:
+        """Speed of the base above which targets are reported, :func:`ground_warnings` [m/s]; None if it is fixed."""
+        return fastest(self.robot) if self.robot.base == "free" else None
 
     # ---- parameters in numbers
 

@@ -104,6 +104,7 @@ class Robot:
             self._check_losses(key)
         for key, angles in self.poses.items():
             self._check_size(f"pose '{key}'", angles)
+        self._copy_arrays()
 
     def __repr__(self) -> str:
         feet = " ".join(self.foot_names)
@@ -247,6 +248,13 @@ class Robot:
         lowest = min(float(data.oMf[self.frame_id(foot.frame)].translation[2]) for foot in self.feet)
         return self.foot_radius - lowest
 
+    def _copy_arrays(self) -> None:
+        """Replace the arrays that were given by copies that cannot be written to."""
+        for key in ("torque_limit", "joint_lower", "joint_upper", "joint_speed_limit", "armature", "joint_damping",
+                    "joint_friction"):  # fmt: skip
+            object.__setattr__(self, key, _fixed(getattr(self, key)))
+        object.__setattr__(self, "poses", {key: _fixed(angles) for key, angles in self.poses.items()})
+
     def _check_losses(self, key: str) -> None:
         """Write zeros where nothing was given; raise unless there is one finite number ≥ 0 per joint."""
         values: Array = np.asarray(getattr(self, key), dtype=float)
@@ -268,6 +276,15 @@ class Robot:
                 f"robot '{self.name}', {what}: wrong size - got {got}, expected {self.num_joints} "
                 f"({', '.join(self.joint_names)}); give one number per joint"
             )
+
+
+def _fixed(values: Any) -> Array:
+    """Return a copy that cannot be written to; of such an array, the array itself."""
+    if isinstance(values, np.ndarray) and not values.flags.writeable:
+        return values
+    array = np.array(values, dtype=float)
+    array.setflags(write=False)
+    return array
 
 
 def to_pinocchio(x: Array) -> tuple[Array, Array]:

@@ -88,7 +88,10 @@ class SingleRigidBody(LeggedModel):
         control = Manifold((Block(feet.force, foot_labels(robot)),))
         require_floating(robot, "models.SingleRigidBody")
         state = (*POSE_BLOCKS, *VELOCITY_BLOCKS)
-        super().__init__(robot, name or f"{robot.name} rigid body", state, control, slots=slots, cut_by_modes=False)
+        super().__init__(
+            robot, name or f"{robot.name} rigid body", state, control, slots=slots, cut_by_modes=False,
+            positive=("mass",), checks={"inertia": _refused_inertia},
+        )  # fmt: skip
         self.integrator = chosen
 
     def recipe(self) -> dict[str, object]:
@@ -224,14 +227,24 @@ def _six(robot: Robot, inertia: ArrayLike) -> Array:
             f"rigid body of '{robot.name}': inertia is unusable - got shape {array.shape}, expected a symmetric (3, 3) "
             "tensor or its (xx, yy, zz, xy, xz, yz) [kg m^2]; give one of them"
         )
-    xx, yy, zz, xy, xz, yz = array
-    principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) if np.all(np.isfinite(array)) else array
+    principal = _principal(array)
     if not np.all(principal > 0):
         raise ModelError(
             f"rigid body of '{robot.name}': inertia is not positive - got principal inertias {principal.tolist()} "
             "kg m^2, expected positive ones; check its signs"
         )
     return array
+
+
+def _principal(six: Array) -> Array:
+    """Return the principal inertias of xx, yy, zz, xy, xz, yz, (3,) [kg m^2]; the six if they are not finite."""
+    xx, yy, zz, xy, xz, yz = six
+    return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) if np.all(np.isfinite(six)) else six
+
+
+def _refused_inertia(six: Array) -> str:
+    """Return what is expected of an inertia as a parameter; empty if it is usable."""
+    return "" if np.all(_principal(six) > 0) else "an inertia with positive principal values [kg m^2]"
 
 
 def _inverse(tensor: cs.SX) -> cs.SX:

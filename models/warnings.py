@@ -111,7 +111,7 @@ def _limits(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
         got = ", ".join(f"{robot.joint_names[i]} at {angles[i]:.3f} rad" for i in beyond)
         allowed = ", ".join(f"{robot.joint_lower[i]:.3f} to {robot.joint_upper[i]:.3f} rad" for i in beyond)
         what = f"joint beyond its limit - got {got}, expected {allowed}; change the angle"
-        yield ProblemWarning(keyframe.where, what)
+        yield ProblemWarning(keyframe.where, what, keyframe.placed.phase.source)
 
 
 def _feet(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
@@ -128,6 +128,7 @@ def _feet(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
                 keyframe.where,
                 f"{what} foot is not on the ground - got {got}, expected within {OFF_GROUND} m; change the position of "
                 "the base or the joint angles",
+                keyframe.placed.phase.source,
             )
 
 
@@ -145,6 +146,7 @@ def _torques(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]
             keyframe.where,
             f"static torque beyond the limit - got {got} at rest{on}, expected at most "
             f"{allowed}; straighten the legs or put more feet on the ground",
+            keyframe.placed.phase.source,
         )
 
 
@@ -233,6 +235,7 @@ def _flight(robot: Robot, path: Path, airborne: list[PlacedKeyframe]) -> Iterato
             f"no ballistic flight joins the keyframes - got a height of {actual:.3f} m for the centre of mass after "
             f"{times[worst]:.3f} s in the air, expected {actual - error[worst, 2]:.3f} m: "
             f"{abs(error[worst, 2]):.3f} m too {side}; move the keyframe or change the durations",
+            keyframe.placed.phase.source,
         )
 
 

@@ -35,7 +35,7 @@ from .redundant_contacts import refuse_redundant_contacts
 from .robot import Robot, require_robot
 from .terrain import Flat
 from .tree import Tree
-from .whole_body_checks import check_numbers, require_motors
+from .whole_body_checks import SLOT_CHECKS, check_numbers, require_motors
 
 Array = NDArray[np.float64]
 Impact = Literal["contact", "landing"]
@@ -113,7 +113,9 @@ class WholeBody(NumericWholeBody):
             "friction_speed": friction_speed,
         }
         control, blocks = Manifold((Block(joints.torque, robot.motor_names),)), state_blocks(robot)
-        super().__init__(robot, name or robot.name, blocks, control, slots=slots, positive=("friction_speed",))
+        super().__init__(
+            robot, name or robot.name, blocks, control, slots=slots, positive=("friction_speed",), checks=SLOT_CHECKS
+        )
         self.integrator = chosen
         self.impact_rule: Impact = impact
         self._baumgarte = None if baumgarte is None and chosen == "midpoint" else gamma

@@ -1,8 +1,11 @@
-"""Checks of the arguments of a whole body."""
+"""Checks of the arguments of a whole body, and of the numbers that replace them as parameters."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
 
@@ -40,3 +43,22 @@ def check_numbers(
             f"{where}: friction_speed is out of range - got {friction_speed!r}, expected a finite number > 0 [rad/s]; "
             "change it"
         )
+
+
+def not_negative(values: NDArray[np.float64]) -> str:
+    """Return what is expected of numbers that must not be negative; empty if they are usable."""
+    return "" if np.all(values >= 0) else "numbers ≥ 0"
+
+
+def masses(values: NDArray[np.float64]) -> str:
+    """Return what is expected of the masses of links; empty if they are usable."""
+    return "" if np.all(values >= 0) and values.sum() > 0 else "masses ≥ 0 [kg] with a positive sum"
+
+
+SLOT_CHECKS: Mapping[str, Callable[[NDArray[np.float64]], str]] = {
+    "link_mass": masses,
+    **dict.fromkeys(
+        ("foot_radius", "gamma", "contact_damping", "armature", "joint_damping", "joint_friction"), not_negative
+    ),
+}
+"""Name of a slot → check of its values."""

@@ -72,12 +72,14 @@ from .language import Schedule as Schedule
 from .language import Segment as Segment
 from .language import Slot as Slot
 from .language import SolutionLike as SolutionLike
+from .language import Source as Source
 from .language import SplitStep as SplitStep
 from .language import Trajectory as Trajectory
 from .language import Values as Values
 from .language import When as When
 from .language import by_phase as by_phase
 from .language import call as call
+from .language import caller as caller
 from .language import column as column
 from .language import composed as composed
 from .language import equality as equality
@@ -119,6 +121,7 @@ from .reports import Violation as Violation
 from .reports import check_derivatives as check_derivatives
 from .reports import check_fits as check_fits
 from .reports import describe as describe
+from .reports import early_warnings as early_warnings
 from .reports import find_warnings as find_warnings
 from .reports import half_turns as half_turns
 from .reports import quantity_values as quantity_values

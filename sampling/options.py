@@ -9,6 +9,7 @@ from numbers import Integral, Real
 from typing import Literal, get_args
 
 from piaffe.errors import SamplingError
+from piaffe.ocp import caller
 
 NoiseSchedule = Literal["factors", "exponential"]
 Shift = Literal["step", "elapsed"]
@@ -69,6 +70,8 @@ class Options:
     threads: int | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.p_max, Mapping):
+            object.__setattr__(self, "p_max", dict(self.p_max))
         whole = {"samples": 1, "knots": 2, "stages": 1, "first_stages": 1, "seed": 0}
         for name, least in whole.items():
             if not _whole(getattr(self, name), least):
@@ -96,7 +99,8 @@ class Options:
 
     def _refuse(self, name: str, expected: str) -> None:
         raise SamplingError(
-            f"sampling options: {name} is out of range - got {getattr(self, name)!r}, expected {expected}; change it"
+            f"sampling options ({caller()}): {name} is out of range - got {getattr(self, name)!r}, expected "
+            f"{expected}; change it"
         )
 
 

@@ -6,6 +6,8 @@ from piaffe.ocp import Violation as Violation
 from .batch import BatchPhase as BatchPhase
 from .batch import BatchSolution as BatchSolution
 from .batch import solve_batch as solve_batch
+from .export import Exported as Exported
+from .export import export_controller as export_controller
 from .ilqr import Fixed as Fixed
 from .ilqr import LqPhase as LqPhase
 from .ilqr import MSiLQR as MSiLQR
@@ -14,6 +16,7 @@ from .qp import QpResult as QpResult
 from .qp import QpStatus as QpStatus
 from .qp import solve_qp as solve_qp
 from .receding import ActingPlan as ActingPlan
+from .receding import Adapting as Adapting
 from .receding import Loop as Loop
 from .receding import Plan as Plan
 from .receding import PlannedPhase as PlannedPhase

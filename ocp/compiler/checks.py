@@ -261,12 +261,19 @@ def check_finite(compiled: CompiledProblem, guesses: list[Guess] | None = None) 
     tables += [table for guess in starmap(ResetGuess, resets.items()) for table in guess.tables]
     if all(table.is_finite for table in tables if isinstance(table, _Values)):
         return
-    for phase in compiled.phases:
-        _raise_for_first(compiled, phase)
+    for applies in (True, False):  # a row of another phase is not finite in the solver's memory, either
+        for phase in compiled.phases:
+            _raise_for_first(compiled, phase, applies=applies)
 
 
-def _raise_for_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
-    """Raise for the first value or derivative of a phase that is not finite, if there is any."""
+def _raise_for_first(compiled: CompiledProblem, phase: CompiledPhase, *, applies: bool) -> None:
+    """Raise for the first value or derivative of a phase that is not finite, if there is any.
+
+    Args:
+        compiled: the problem.
+        phase: one of its phases.
+        applies: whether to look only at dynamics and at terms where they apply.
+    """
     guess, n = Guess(phase), phase.num_stages
     pairs = [
         ("stage", 0, (guess.stage, guess.stage_d)),
@@ -278,15 +285,27 @@ def _raise_for_first(compiled: CompiledProblem, phase: CompiledPhase) -> None:
     for group, first, tables in pairs:
         for what, results in zip(("value", "derivative"), tables, strict=True):
             for name, array in results.items():
-                if np.all(np.isfinite(array)):
+                bad = np.argwhere(~np.isfinite(array))
+                if applies:
+                    bad = bad[[_counts(phase, group, name, first + int(i[0]), int(i[1])) for i in bad]]
+                if not len(bad):
                     continue
-                node, row = (int(i) for i in np.argwhere(~np.isfinite(array))[0][:2])
+                node, row = (int(i) for i in bad[0][:2])
                 got = "NaN" if np.isnan(array[node, row]).any() else "infinity"
                 raise ProblemError(
                     f"{owner_of(compiled, phase, group, name, row)}, phase '{phase.name}', node {first + node}: {what} "
                     f"at the initial guess is not finite - got {got}, expected finite numbers; move the guess or the "
                     "term away from the singularity"
                 )
+
+
+def _counts(phase: CompiledPhase, group: str, name: str, node: int, row: int) -> bool:
+    """Return whether a row of a function has an effect at a node: rows of dynamics have, rows of terms may not."""
+    kind = name.split("_")[0]
+    if kind not in ("residual", "g", "h"):
+        return True
+    term = _rows_of(phase, group, kind)[row].term
+    return term < 0 or bool(phase.applies[node, term])
 
 
 def owner_of(compiled: CompiledProblem, phase: CompiledPhase, group: str, name: str, row: int) -> str:

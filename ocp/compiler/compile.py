@@ -123,6 +123,7 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
         changing=frozenset(compilation.numbers.changing),
         lowered=built,
         compile_s=time.perf_counter() - began,
+        source=problem.source,
     )
     check_numbers(compiled)
     if checks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import renamed_members
 
-from ..language import Constraint, Cost, ParameterKey, Path, Phase, initial_state, merged
+from ..language import Constraint, Cost, ParameterKey, Path, Phase, Source, caller, initial_state, merged
 from .compiled_phase import CompiledPhase
 from .mode import Row
 from .parameters import Parameters
@@ -35,6 +35,7 @@ class CompiledProblem:
         changing: slots of models whose values follow from the motion at each node.
         lowered: number of modes and transitions that were built for this problem; 0 if all were in the cache.
         compile_s: time spent compiling [s].
+        source: where the problem was declared.
     """
 
     phases: tuple[CompiledPhase, ...]
@@ -46,6 +47,7 @@ class CompiledProblem:
     changing: frozenset[ParameterKey]
     lowered: int
     compile_s: float
+    source: Source = field(default_factory=caller)
 
     @property
     def num_stages(self) -> int:
@@ -73,7 +75,7 @@ class CompiledProblem:
             ProblemError: a value is not finite, a weight is negative, bounds exclude each other, or the parameter
                 follows from the motion.
         """
-        where, known = "compiled problem", self.parameters
+        where, known = f"compiled problem ({caller()})", self.parameters
         new = merged(values, named, where)
         checked = {known.key(name, where): known.check(name, value, where) for name, value in new.items()}
         return instance(self, checked, self.initial)
@@ -88,7 +90,7 @@ class CompiledProblem:
             ShapeError: the initial state has another size.
             ProblemError: it is not finite, or a quaternion is zero.
         """
-        return instance(self, {}, initial_state(self.phases[0].mode.model, initial, "compiled problem"))
+        return instance(self, {}, initial_state(self.phases[0].mode.model, initial, f"compiled problem ({caller()})"))
 
     def term_name(self, row: Row) -> str:
         """Return the name of the term that a row belongs to."""

@@ -151,7 +151,9 @@ class TermBinder:
         """Call a user's function and return its rows as a column; masks get no parameters."""
         term = self._terms[index]
         numbers = {
-            name: self._symbols.part(ParameterKey("parameter", name, term=index), value.size)
+            name: self._symbols.part(
+                ParameterKey("parameter", name, term=index, positive=name in term.positive), value.size
+            )
             for name, value in ({} if is_mask else term.parameters).items()
         }
         where = f"term '{term.name}' ({term.source})"
@@ -163,6 +165,7 @@ class TermBinder:
             )
         try:
             rows = column(result)
+            self._check_column(where, result)
         except NotImplementedError as error:  # CasADi raises this if it cannot convert the result
             raise ProblemError(
                 f"{where}: the function's result is unusable - got {type(result).__name__}, expected a CasADi column; "
@@ -172,6 +175,15 @@ class TermBinder:
             raise ShapeError(f"{where}: the function returned no rows - got 0, expected at least one; return some")
         self._symbols.check(where, rows)
         return cs.densify(rows)
+
+    def _check_column(self, where: str, result: Any) -> None:
+        """Raise if a function's result, which CasADi can convert, is a matrix: its rows have no order."""
+        shape = cs.SX(cs.vertcat(*result) if isinstance(result, list | tuple) else result).shape
+        if min(shape) > 1:
+            raise ShapeError(
+                f"{where}: the function returned a matrix - got shape {shape}, expected a column; return casadi.vec of "
+                "it, or the rows that count"
+            )
 
     def _repeated(self, mask: cs.SX, count: int, where: str) -> cs.SX:
         """Return a mask with one entry per row; a mask of fewer entries is repeated blockwise."""

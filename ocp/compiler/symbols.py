@@ -24,7 +24,7 @@ class NodeSymbols:
         self.z = cs.SX.sym("z", nz)
         self._parts: dict[ParameterKey, cs.SX] = {TIME_STEP: cs.SX.sym("dt")}
         for slot in model.slots:
-            key = ParameterKey("slot", slot.name, model=model.name, positive=slot.positive)
+            key = ParameterKey("slot", slot.name, model=model.name, positive=slot.positive, check=slot.check)
             self._parts[key] = cs.SX.sym(slot.name, slot.size)
         self._parameters: dict[ParameterKey, Parameter] = {}
 

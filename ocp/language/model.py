@@ -24,6 +24,7 @@ from .invariants import Invariants
 from .manifold import Manifold
 from .quantity import Bound, Quantity
 from .schedule import Schedule, Segment
+from .source import Source
 
 Array = NDArray[np.float64]
 Sample = Mapping[Quantity, Array]
@@ -38,12 +39,14 @@ class Slot:
         size: number of entries.
         default: its value if neither ``node_parameters`` nor a parameter of the problem replaces it, (size,).
         positive: whether values that replace it must be above zero.
+        check: function of values that replace it; it returns what is expected of them, or "" if they are usable.
     """
 
     name: str
     size: int
     default: tuple[float, ...]
     positive: bool = False
+    check: Callable[[Array], str] | None = None
 
 
 @dataclass(frozen=True)
@@ -194,10 +197,20 @@ class Reset:
 
 @dataclass(frozen=True)
 class ProblemWarning:
-    """A warning about a motion, shown by ``describe`` and ``check``."""
+    """A warning about a problem: ``solve`` prints it, solvers issue it as ``piaffe.PiaffeWarning``.
+
+    Args:
+        where: the declaration, with its file and line.
+        text: what is likely wrong - got, expected; what to do.
+        source: the file and the line.
+    """
 
     where: str
     text: str
+    source: Source | None = None
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.text}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,6 +335,11 @@ class ModelBase(ABC):
     @property
     def planar_pose(self) -> tuple[Quantity, Quantity] | None:
         """Position and orientation in the state whose x, y and yaw are the planar frame; None without one."""
+        return None
+
+    @property
+    def fastest(self) -> float | None:
+        """Speed of the position in :attr:`planar_pose` above which targets are reported [m/s]; None for no limit."""
         return None
 
     def planar_frame(self, sample: Sample) -> tuple[float, float, float]:

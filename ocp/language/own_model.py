@@ -13,15 +13,20 @@ from .manifold import Block, Manifold
 from .model import Dynamics, ModelBase, Quantities
 from .quantity import Bound, Quantity
 from .source import Source, caller
-from .user_input import call
+from .user_input import call, is_number
 from .view import NodeView, column
 
 Vectorfield = Callable[..., Mapping[str, Any]]
 
 
-def _blocks(entries: Mapping[str, int | str]) -> Manifold:
+def _blocks(entries: Mapping[str, int | str], where: str) -> Manifold:
     blocks = []
     for name, size in entries.items():
+        if size != "rotation" and not (is_number(size) and int(size) == size and size > 0):
+            raise ModelError(
+                f"{where}: size of '{name}' is unusable - got {size!r}, expected a whole number > 0, or 'rotation'; "
+                "give one"
+            )
         if size == "rotation":
             blocks.append(Block(Quantity(name, "rad", "rotation"), ("x", "y", "z")))
         else:
@@ -53,24 +58,24 @@ class Model(ModelBase):
         quantities: Mapping[str, Callable[[NodeView], Any]] | None = None,
         integrator: Literal["euler", "rk4", "discrete"] = "euler",
     ) -> None:
-        super().__init__(name, _blocks(state), _blocks(control or {}))
+        source = caller()
+        where = f"model '{name}' ({source})"
+        super().__init__(name, _blocks(state, where), _blocks(control or {}, where))
         if not modes:
-            raise ModelError(
-                f"model '{name}': no modes - got none, expected at least one dynamics function; give modes="
-            )
+            raise ModelError(f"{where}: no modes - got none, expected at least one dynamics function; give modes=")
         if integrator not in ("euler", "rk4", "discrete"):
             raise ModelError(
-                f"model '{name}': integrator is unknown - got {integrator!r}, expected 'euler', 'rk4' or 'discrete'; "
+                f"{where}: integrator is unknown - got {integrator!r}, expected 'euler', 'rk4' or 'discrete'; "
                 "choose one"
             )
         names = [*state, *(control or {}), *(quantities or {})]
         twice = sorted({key for key in names if names.count(key) > 1})
         if twice:
             raise ModelError(
-                f"model '{name}': names are not unique - got {twice} twice, expected each state, control and quantity "
+                f"{where}: names are not unique - got {twice} twice, expected each state, control and quantity "
                 "once; rename one"
             )
-        object.__setattr__(self, "source", caller())
+        object.__setattr__(self, "source", source)
         object.__setattr__(self, "modes", dict(modes))
         object.__setattr__(self, "extra", dict(quantities or {}))
         object.__setattr__(self, "integrator", integrator)
@@ -83,7 +88,7 @@ class Model(ModelBase):
     def mode_key(self, mode: Hashable) -> str:
         """Return the mode's name; raise if the model has no such mode."""
         if not isinstance(mode, str) or mode not in self.modes:
-            raise UnknownNameError(f"model '{self.name}'", "mode", str(mode), self.modes)
+            raise UnknownNameError(f"model '{self.name}' ({self.source})", "mode", str(mode), self.modes)
         return str(mode)
 
     def quantities_at(self, x: cs.SX, u: cs.SX) -> Quantities:

@@ -11,20 +11,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError
 
+from .source import caller
+from .user_input import numbers_of
+
 
 class Parameter(cs.SX):
     """A named number or column of numbers, used in a user's functions like any CasADi expression."""
 
     def __init__(self, name: str, value: ArrayLike) -> None:
-        self.value: NDArray[np.float64] = np.atleast_1d(np.asarray(value, dtype=float))
+        where = f"parameter '{name}' ({caller()})"
+        self.value: NDArray[np.float64] = numbers_of(value, where, "value")
         if self.value.ndim != 1 or not np.all(np.isfinite(self.value)):
             raise ProblemError(
-                f"parameter '{name}': value is unusable - got {value!r}, expected finite numbers in one column; fix it"
+                f"{where}: value is unusable - got {value!r}, expected finite numbers in one column; fix it"
             )
-        if "." in name:
+        if not isinstance(name, str) or not name or "." in name:
             raise ProblemError(
-                f"parameter '{name}': name is unusable - got one with a dot, expected one without: a dot separates the "
-                "name of a model or a term from the name of its parameter; rename it"
+                f"{where}: name is unusable - got {name!r}, expected some text without a dot: a dot separates the name "
+                "of a model or a term from the name of its parameter; rename it"
             )
         self.label = name
         super().__init__(cs.SX.sym(name, self.value.size))

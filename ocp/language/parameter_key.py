@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 ParameterKind = Literal[
     "dt", "slot", "parameter", "weight", "target", "lower", "upper", "active", "has_lower", "has_upper"
@@ -33,6 +37,7 @@ class ParameterKey:
         model: name of the model that has the slot; empty for the other kinds.
         term: index into the problem's terms; None if the number belongs to no term.
         positive: whether its values must be above zero, see :class:`Slot`; it does not count in comparisons.
+        check: what else must hold for its values, see :class:`Slot`; it does not count in comparisons.
     """
 
     kind: ParameterKind
@@ -40,6 +45,7 @@ class ParameterKey:
     model: str = ""
     term: int | None = None
     positive: bool = field(default=False, compare=False)
+    check: Callable[[NDArray[np.float64]], str] | None = field(default=None, compare=False, repr=False)
 
     @property
     def is_bound(self) -> bool:

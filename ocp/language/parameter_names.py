@@ -52,7 +52,7 @@ def parameter_names(terms: Sequence[Cost | Constraint], models: Iterable[ModelBa
 def _of_models(models: Iterable[ModelBase]) -> Iterator[tuple[str, ParameterKey]]:
     for model in dict.fromkeys(models):
         for slot in model.slots:
-            key = ParameterKey("slot", slot.name, model=model.name, positive=slot.positive)
+            key = ParameterKey("slot", slot.name, model=model.name, positive=slot.positive, check=slot.check)
             yield f"{model.name}.{slot.name}", key
 
 
@@ -71,7 +71,7 @@ def _of_terms(terms: Sequence[Cost | Constraint]) -> Iterator[tuple[str, Paramet
             if term.upper is not None:
                 yield f"{owner}.upper", ParameterKey("upper", term=k)
         for name in term.parameters:
-            yield f"{owner}.{name}", ParameterKey("parameter", name, term=k)
+            yield f"{owner}.{name}", ParameterKey("parameter", name, term=k, positive=name in term.positive)
 
 
 def merged(values: Mapping[str, ArrayLike] | None, named: Mapping[str, ArrayLike], where: str) -> dict[str, ArrayLike]:
@@ -148,5 +148,10 @@ def check_value(name: str, key: ParameterKey, value: ArrayLike, where: str, size
     if key.positive and np.any(array <= 0):
         raise ProblemError(
             f"{where}, parameter '{name}': is out of range - got {array.tolist()}, expected numbers > 0; fix it"
+        )
+    expected = key.check(array) if key.check is not None else ""
+    if expected:
+        raise ProblemError(
+            f"{where}, parameter '{name}': is out of range - got {array.tolist()}, expected {expected}; fix it"
         )
     return array

@@ -6,13 +6,13 @@ from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from piaffe.errors import ProblemError
 
 from .source import Source, caller
 from .term import Constraint, Cost
 from .termset import Constraints, Objective
+from .time import SAME_TIME
+from .user_input import copied, is_number
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Keyframe:
     values: Mapping[str, Any]
 
     def __init__(self, **values: Any) -> None:
-        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "values", copied(values))
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,11 @@ class Phase:
                 f"{where}: free durations are not optimised yet - got {duration}, expected a number of seconds; "
                 f"use {duration.guess}"
             )
-        if not (isinstance(duration, int | float | np.floating) and 0 < duration < float("inf")):
-            raise ProblemError(f"{where}: duration is out of range - got {duration!r}, expected seconds > 0; give one")
+        if not (is_number(duration) and SAME_TIME < duration < float("inf")):
+            raise ProblemError(
+                f"{where}: duration is out of range - got {duration!r}, expected a number of seconds above "
+                f"{SAME_TIME:g}; give one"
+            )
         if isinstance(target, Mapping):
             target = Keyframe(**target)
         if target is not None and not isinstance(target, Keyframe):

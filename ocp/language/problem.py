@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ProblemError
 
 from .initial import initial_state
-from .model import ModelBase, model_of
+from .model import ModelBase, ProblemWarning, model_of
 from .motion import Motion
 from .parameter_names import check_value, find_key, merged, parameter_names
 from .phase import Phase
@@ -114,12 +114,14 @@ class Problem:
             ShapeError: a value has another size.
             ProblemError: a value is not finite, or a weight is negative.
         """
-        checked = self._checked_parameters(merged(values, named, self.where), self.schedule)
+        where = f"problem ({caller()})"  # the line of this call, where the numbers are
+        checked = self._checked_parameters(merged(values, named, where), self.schedule, where)
         return self._with("parameters", {**self.parameters, **checked})
 
     def with_initial(self, initial: ArrayLike) -> Problem:
         """Return the problem with another initial state, (nx,); the path of targets begins there."""
-        return self._with("initial", self._checked_initial(initial, self.schedule))
+        model = model_of(self.schedule.segments[0])
+        return self._with("initial", initial_state(model, initial, f"problem ({caller()})"))
 
     def with_schedule(self, schedule: Schedule) -> Problem:
         """Return the problem with another schedule; its first model must have the same state."""
@@ -137,13 +139,15 @@ class Problem:
     def _checked_initial(self, initial: ArrayLike, schedule: Schedule) -> Array:
         return initial_state(model_of(schedule.segments[0]), initial, self.where)
 
-    def _checked_parameters(self, values: Mapping[str, ArrayLike], schedule: Schedule) -> dict[str, Array]:
+    def _checked_parameters(
+        self, values: Mapping[str, ArrayLike], schedule: Schedule, where: str = ""
+    ) -> dict[str, Array]:
         if not values:
             return {}
         models: list[ModelBase] = [model_of(segment) for segment in schedule.segments]
         names = parameter_names([term for term, _ in self.scoped_terms()], models)
         return {
-            name: check_value(name, find_key(names, name, self.where), value, self.where)
+            name: check_value(name, find_key(names, name, where or self.where), value, where or self.where)
             for name, value in values.items()
         }
 
@@ -152,6 +156,17 @@ class Problem:
         other.__dict__.update(self.__dict__)
         other.__dict__[name] = value
         return other
+
+    def warnings(self) -> list[ProblemWarning]:
+        """Return what is likely a mistake in the problem; a solver issues the same warnings before it iterates.
+
+        Raises:
+            ProblemError: the declaration is inconsistent.
+        """
+        from ..compiler import compile_problem
+        from ..reports import early_warnings, find_warnings
+
+        return early_warnings(self) + find_warnings(compile_problem(self))
 
     def __str__(self) -> str:
         from ..compiler import compile_problem

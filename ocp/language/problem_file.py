@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import sys
 import traceback
 from contextlib import nullcontext, redirect_stdout
@@ -46,7 +47,8 @@ def _problem(path: Path, name: str, module: ModuleType) -> Problem:
     if callable(found):
         try:
             found = found()
-        except PiaffeError:
+        except PiaffeError as error:
+            _add_line(path, error)
             raise
         except Exception as error:
             raise file_error(path, error) from error
@@ -95,7 +97,8 @@ def run_file(path: Path) -> ModuleType:
         sys.path.insert(0, folder)
     try:
         spec.loader.exec_module(module)
-    except PiaffeError:
+    except PiaffeError as error:
+        _add_line(path, error)
         raise
     except Exception as error:
         raise file_error(path, error) from error
@@ -107,12 +110,24 @@ def run_file(path: Path) -> ModuleType:
     return module
 
 
-def file_error(path: Path, error: Exception) -> ProblemError:
-    """Return an error that names the line of the file that failed."""
+def _add_line(path: Path, error: PiaffeError) -> None:
+    """Put the line of the file that led to an error of Piaffe before its text, if the text names no line."""
+    line = None if re.search(r"\.py:\d", str(error)) else _line_of(path, error)
+    if line:
+        error.args = (f"{path.name}:{line}: {error}", *error.args[1:])
+
+
+def _line_of(path: Path, error: Exception) -> int | None:
     line = error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else None
     for frame in traceback.extract_tb(error.__traceback__):
         if Path(frame.filename).resolve() == path.resolve():
             line = frame.lineno
+    return line
+
+
+def file_error(path: Path, error: Exception) -> ProblemError:
+    """Return an error that names the line of the file that failed."""
+    line = _line_of(path, error)
     where = f"{path}:{line}" if line else str(path)
     return ProblemError(
         f"{where}: the file does not run - got {type(error).__name__}: {error}, expected a declaration; fix it (put "

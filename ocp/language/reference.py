@@ -16,8 +16,10 @@ from .model import ModelBase, Sample
 from .phase import Phase
 from .piece import BoundReference, Piece, Reference
 from .quantity import Quantity
+from .source import caller
 from .time import SAME_TIME
 from .trajectory import Trajectory
+from .user_input import numbers_of
 
 Array = NDArray[np.float64]
 
@@ -235,26 +237,26 @@ class FromArrays(Reference):
     """
 
     def __init__(self, times: ArrayLike, columns: Mapping[Quantity | str, ArrayLike]) -> None:
-        self.times: Array = np.asarray(times, dtype=float)
-        if self.times.ndim != 1 or self.times.size == 0 or np.any(np.diff(self.times) <= 0):
+        where = f"FromArrays ({caller()})"
+        self.times: Array = numbers_of(times, where, "times")
+        if self.times.ndim != 1 or self.times.size == 0 or not np.all(np.diff(self.times) > 0):
             raise ProblemError(
-                "FromArrays: times are unusable - got a sequence that does not increase, expected one that does; sort "
-                "it"
+                f"{where}: times are unusable - got a sequence that does not increase, expected one that does; sort it"
             )
         self.columns: dict[Quantity, Array] = {}
         for key, given in columns.items():
             quantity = Quantity(key) if isinstance(key, str) else key
-            values: Array = np.asarray(given, dtype=float)
+            values: Array = numbers_of(given, where, f"'{quantity}'")
             if values.shape[:1] != self.times.shape:
                 raise ShapeError(
-                    f"FromArrays, '{quantity}': wrong number of rows - got {values.shape[:1]}, expected "
+                    f"{where}, '{quantity}': wrong number of rows - got {values.shape[:1]}, expected "
                     f"{self.times.size}, one per time; remove or add rows"
                 )
             self.columns[quantity] = values.reshape(self.times.size, -1)
         for quantity, values in self.columns.items():
             if not np.all(np.isfinite(values)):
                 raise ProblemError(
-                    f"FromArrays, '{quantity}': values are unusable - got NaN or infinity, expected finite numbers; "
+                    f"{where}, '{quantity}': values are unusable - got NaN or infinity, expected finite numbers; "
                     "fix them"
                 )
 

@@ -6,12 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-
 from piaffe.errors import ProblemError
 
 from .source import Source, caller
-from .time import is_same_time
+from .time import SAME_TIME, is_same_time
+from .user_input import is_number
 
 if TYPE_CHECKING:
     from .term import Constraint, Cost
@@ -51,10 +50,10 @@ class Segment:
 
     def __post_init__(self) -> None:
         for name, value in (("dt", self.dt), ("duration", self.duration)):
-            if value is not None and not (isinstance(value, int | float | np.number) and 0 < value < float("inf")):
+            if value is not None and not (is_number(value) and SAME_TIME < value < float("inf")):
                 raise ProblemError(
                     f"schedule ({self.source}), model '{self.model.name}': {name} is out of range - got {value!r}, "
-                    "expected a positive number of seconds; give one"
+                    f"expected a number of seconds above {SAME_TIME:g}; give one"
                 )
         own = self.model.own_step
         if own is not None and not is_same_time(self.dt, own):

@@ -6,7 +6,7 @@ supplies these quantities.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, overload
 
@@ -17,7 +17,7 @@ from piaffe.errors import ProblemError, ShapeError
 
 from .quantity import Quantity, match_labels
 from .source import Source, caller
-from .user_input import numbers_of
+from .user_input import copied, numbers_of
 
 At = Literal["running", "phase_end", "end"]
 When = str | tuple[str, ...] | Callable[[str], bool] | None
@@ -49,6 +49,7 @@ class Term:
         when: phases it applies to: a name, names, a predicate of the name, or None for all.
         mask: function of the node's quantities that returns 0 or 1 per row; a row with 0 has no effect.
         parameters: keyword arguments of the functions; their values can change without a new compilation.
+        positive: names of those that must be above zero.
         unit: unit of the rows.
         source: where it was declared.
     """
@@ -58,6 +59,7 @@ class Term:
     when: When = None
     mask: Function | None = None
     parameters: Mapping[str, Array] = field(default_factory=dict)
+    positive: frozenset[str] = frozenset()
     unit: str = ""
     source: Source = field(default_factory=caller)
 
@@ -67,6 +69,13 @@ class Term:
                 f"term '{self.name}' ({self.source}): at= is unknown - got {self.at!r}, expected 'running', "
                 "'phase_end' or 'end'; choose one"
             )
+        object.__setattr__(self, "parameters", copied(self.parameters))
+        for name, value in self.parameters.items():
+            if name in self.positive and not np.all(np.asarray(value) > 0):
+                raise ProblemError(
+                    f"{self.where}: parameter '{name}' is out of range - got {np.ravel(value).tolist()}, expected "
+                    "numbers > 0; change it"
+                )
 
     @property
     def where(self) -> str:
@@ -98,6 +107,12 @@ class Cost(Term):
     weight: Any = 1.0
     target: Array | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "weight", _copied_weight(self.weight))
+        if self.target is not None:
+            object.__setattr__(self, "target", _flat(copied(self.target), self.where, "target", self.unit))
+
     def structure(self) -> Hashable:
         """Return the part of the term that the generated functions depend on; equal structures share functions."""
         sizes = tuple((k, np.size(v)) for k, v in self.parameters.items())
@@ -125,7 +140,9 @@ class Cost(Term):
             values = np.zeros(len(labels))
             for key, value in weight.items():
                 named = match_labels(labels, key, self.where)
-                numbers = numbers_of(value, self.where, f"weight of '{key}'")
+                numbers = _flat(
+                    numbers_of(value, self.where, f"weight of '{key}'"), self.where, f"weight of '{key}'", self.unit
+                )
                 if numbers.size not in (1, len(named)):
                     raise ShapeError(
                         f"{self.where}: weight of '{key}' has the wrong size - got {numbers.size} entries, expected 1 "
@@ -133,7 +150,7 @@ class Cost(Term):
                     )
                 values[named] = numbers
         else:
-            values = numbers_of(weight, self.where, "weight")
+            values = _flat(numbers_of(weight, self.where, "weight"), self.where, "weight", self.unit)
             if values.size not in (1, len(labels)):
                 raise ShapeError(
                     f"{self.where}: weight has the wrong size - got {values.size} entries, expected 1 or {len(labels)} "
@@ -194,6 +211,8 @@ class Constraint(Term):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for name in ("lower", "upper", "labels"):
+            object.__setattr__(self, name, copied(getattr(self, name)))
         if not (isinstance(self.scale, int | float) and 0 < self.scale < float("inf")):
             raise ProblemError(
                 f"{self.where}: scale is out of range - got {self.scale!r}, expected a positive number "
@@ -223,12 +242,29 @@ class Constraint(Term):
                 f"{self.where}: model '{model.name}' has no such limits - got {error}, "
                 f"expected a model of a robot; give {side}= as numbers, or leave the constraint out with .without(...)"
             ) from error
+        _flat(values, self.where, f"{side} bound", self.unit)
         if values.size not in (1, size) or np.any(np.isnan(values)):
             raise ShapeError(
                 f"{self.where}: {side} bound is unusable - got {values.tolist()}, expected "
                 f"1 or {size} numbers [{self.unit or '-'}]; give one per row or a scalar"
             )
         return np.broadcast_to(values, (size,)).astype(float)
+
+
+def _copied_weight(weight: Any) -> Any:
+    if isinstance(weight, ByPhase):
+        return ByPhase(copied(weight.default), copied(weight.phases))
+    return copied(weight)
+
+
+def _flat(values: Array, where: str, what: str, unit: str) -> Array:
+    """Return numbers in one column or row; raise if they are a matrix."""
+    if values.ndim > 1:
+        raise ShapeError(
+            f"{where}: {what} is a matrix - got shape {values.shape}, expected numbers in one column [{unit or '-'}]; "
+            "give one per component, or a scalar"
+        )
+    return values
 
 
 def _numbers(parameters: Mapping[str, ArrayLike] | None) -> dict[str, Array]:
@@ -371,17 +407,19 @@ def inequality(
     parameters: Mapping[str, ArrayLike] | None = None,
     labels: Any = None,
     at_reset: ResetRows | None = None,
+    positive: Iterable[str] = (),
 ) -> Any:
     """Return the constraint lower ≤ f(s) ≤ upper; usable as a function, or as a decorator with or without arguments.
 
     Without bounds the constraint is f(s) ≥ 0. Rows that depend only on the state hold at every node, other rows at
-    every stage. ``at_reset`` adds rows on the impulses of impacts, see :class:`ResetRows`.
+    every stage. ``at_reset`` adds rows on the impulses of impacts, see :class:`ResetRows`. ``positive`` are the names
+    of parameters whose values must be above zero.
     """
     if lower is None and upper is None:
         lower = 0.0
     return _constraint(
         "inequality", function, name, lower=lower, upper=upper, unit=unit, scale=scale, at=at, when=when, mask=mask,
-        parameters=_numbers(parameters), labels=labels, at_reset=at_reset,
+        parameters=_numbers(parameters), labels=labels, at_reset=at_reset, positive=frozenset(positive),
     )  # fmt: skip
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 import casadi as cs
@@ -16,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 def numbers_of(value: Any, where: str, what: str) -> Array:
-    """Return a user's numbers as an array of at least one dimension.
+    """Return a copy of a user's numbers as an array of at least one dimension.
 
     Args:
         value: the user's numbers.
@@ -33,9 +35,25 @@ def numbers_of(value: Any, where: str, what: str) -> Array:
             "compilation, as an ocp.parameter can"
         )
     try:
-        return np.atleast_1d(np.asarray(value, dtype=float))
+        return np.atleast_1d(np.array(value, dtype=float))
     except (TypeError, ValueError) as error:
         raise ProblemError(f"{where}: {what} is unusable - got {value!r}, expected numbers; give some") from error
+
+
+def is_number(value: object) -> bool:
+    """Return whether a value is a real number; True and False are none."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def copied(value: Any) -> Any:
+    """Return a copy of a user's arrays, lists and mappings, also of those inside them; other values are returned."""
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    if isinstance(value, list):
+        return [copied(each) for each in value]
+    if isinstance(value, Mapping):
+        return {key: copied(each) for key, each in value.items()}
+    return value
 
 
 def brief(value: object) -> str:
@@ -57,11 +75,14 @@ def call(function: Callable[..., Any], where: str, *arguments: Any, **named: Any
         ProblemError: the function fails.
     """
     try:
-        return function(*arguments, **named)
+        with _symbols_are_no_numbers():
+            return function(*arguments, **named)
     except PiaffeError:
         raise
     except Exception as error:
         text = " ".join(str(error).split())
+        if "truth value" in text:
+            text = "a symbol has no truth value: use casadi.if_else in place of if, min, max, and, or, not"
         raise ProblemError(
             f"{where}: the function fails{_line(error)} - got {type(error).__name__}: {text}, expected an expression "
             "made with CasADi's functions; fix it"
@@ -77,3 +98,35 @@ def _line(error: Exception) -> str:
             line = f" at {Path(code.co_filename).name}:{trace.tb_lineno}"
         trace = trace.tb_next
     return line
+
+
+_LOCK = RLock()
+_DEPTH = 0
+
+
+@contextmanager
+def _symbols_are_no_numbers() -> Iterator[None]:
+    """Let ``float(symbol)`` raise. CasADi returns NaN, and a comparison with NaN is False without a word."""
+    global _DEPTH  # calls may be nested, and run in several threads
+    with _LOCK:
+        _DEPTH += 1
+        if _DEPTH == 1:
+            setattr(cs.SX, "__float__", _checked_float)  # noqa: B010  # mypy refuses the assignment of a method
+    try:
+        yield
+    finally:
+        with _LOCK:
+            _DEPTH -= 1
+            if _DEPTH == 0:
+                setattr(cs.SX, "__float__", _FLOAT)  # noqa: B010  # the same
+
+
+_FLOAT = cs.SX.__float__
+
+
+def _checked_float(self: cs.SX) -> float:
+    if not self.is_constant():
+        raise TypeError(
+            "a symbol is no number: float() and NumPy's arrays of numbers cannot hold it; use CasADi's functions"
+        )
+    return float(_FLOAT(self))

@@ -3,6 +3,7 @@
 from .derivative_check import DerivativeCheck as DerivativeCheck
 from .derivative_check import check_derivatives as check_derivatives
 from .describe import describe as describe
+from .grid import early_warnings as early_warnings
 from .units import ConstraintReport as ConstraintReport
 from .units import CostReport as CostReport
 from .units import report as report

@@ -1,4 +1,4 @@
-"""Warnings about a compiled problem: of its models, of constraints that the initial state violates, of half turns."""
+"""Warnings about a problem: what is likely a mistake, found before a solve."""
 
 from __future__ import annotations
 
@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 
 from ..compiler import CompiledPhase, CompiledProblem, Guess, Row
 from ..language import ProblemWarning
+from .contradictions import contradictions, same_twice
+from .grid import few_steps
+from .reach import out_of_reach
+from .turns import many_turns, other_order
 
 Array = NDArray[np.float64]
 
@@ -21,9 +25,12 @@ TOLERANCE = 1e-3
 
 
 def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
-    """Return the warnings that ``describe`` and ``check`` show: the models' own, and those of the initial guess."""
+    """Return what is likely a mistake in a problem; solvers issue these warnings before they iterate."""
     models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
-    found = [warning for model in models for warning in model.warnings(compiled.path)] + initial_violations(compiled)
+    found = [warning for model in models for warning in model.warnings(compiled.path)]
+    found += [*few_steps(compiled), *many_turns(compiled), *other_order(compiled)]
+    found += [*initial_violations(compiled), *same_twice(compiled), *contradictions(compiled)]
+    found += out_of_reach(compiled)
     guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
     if guesses:
         stages = {phase: guess.stage["residual"] for phase, guess in guesses.items()}
@@ -58,6 +65,7 @@ def initial_violations(compiled: CompiledProblem) -> list[ProblemWarning]:
                     f"the initial state violates it - got {missed[i] * row.scale:.3g} {row.unit}".rstrip()
                     + ", expected no violation; no control can change it: change the initial state or the bound, or "
                     "restrict the term with when=",
+                    declared.source,
                 )
             )
     return found
@@ -89,6 +97,7 @@ def half_turns(compiled: CompiledProblem, stages: Sequence[Array], ends: Sequenc
                             f"the residual is near half a turn - got {angles[node]:.2f} rad, expected less than "
                             f"{np.pi - NEAR_HALF_TURN:.2f} rad; beyond π the cost turns in the other direction: add a "
                             "keyframe in between, or lengthen the phase",
+                            declared.source,
                         )
                     )
     return found

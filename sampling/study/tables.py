@@ -111,7 +111,7 @@ def _cell(group: Sequence[Row]) -> dict[str, Any]:
         "speed_error_percent_worst": _over(np.max, errors),
         "plan_ms_median": _over(np.median, _known(group, "plan_ms_median")),
         "tick_us_median": _over(np.median, _known(group, "tick_us_median")),
-        "fallbacks": _over(np.sum, _known(group, "fallbacks")),
+        **{name: _over(np.sum, _known(group, name)) for name in ("relaxed", "fallbacks")},
         "effective_samples_median": _over(np.median, _known(group, "effective_samples_median")),
         **{_MISSED + name: value for name, value in missed.items()},
     }  # fmt: skip
@@ -134,6 +134,7 @@ _FIGURES = {
     "worst [%]": ("speed_error_percent_worst", "{:.1f}"),
     "ms per plan": ("plan_ms_median", "{:.1f}"),
     "us per tick": ("tick_us_median", "{:.0f}"),
+    "relaxed": ("relaxed", "{:.0f}"),
     "fallbacks": ("fallbacks", "{:.0f}"),
     "effective samples": ("effective_samples_median", "{:.1f}"),
 }

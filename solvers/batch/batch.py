@@ -20,6 +20,8 @@ from piaffe.ocp import (
     Problem,
     check_numbers,
     compile_problem,
+    early_warnings,
+    find_warnings,
     initial_state,
     instance,
     numbers_of,
@@ -37,6 +39,7 @@ from ..ilqr import (
     WarmStart,
     assemble,
     first_iterate,
+    issue,
     iterate_from,
     native_memory,
     read_iterate,
@@ -103,7 +106,12 @@ def solve_batch(
             f"solve_batch: threads is out of range - got {threads!r}, expected a positive number; give one"
         )
     require_derivatives(problem, "solve_batch")
-    compiled = compile_problem(problem) if isinstance(problem, Problem) else problem
+    if isinstance(problem, Problem):
+        issue(early_warnings(problem))
+        compiled = compile_problem(problem)
+        issue(find_warnings(compiled))
+    else:
+        compiled = problem
     check_numbers(compiled)
     batch = _Batch(compiled, initial_states, parameters or {}, warm_start, options or Options(), gains)
     memory = native_memory(compiled, batch.options) if backend == "native" else None

@@ -1,7 +1,9 @@
 """Multiple-shooting iLQR: the algorithm in NumPy, and the same in C in ``native``."""
 
+from .between import adapt_for_next as adapt_for_next
 from .cause import with_cause as with_cause
 from .iterate import Iterate as Iterate
+from .iterate import PhaseDual as PhaseDual
 from .iterate import ProblemFunctions as ProblemFunctions
 from .ms_ilqr import MSiLQR as MSiLQR
 from .native import OPTIONS as OPTIONS
@@ -18,6 +20,7 @@ from .native import native_memory as native_memory
 from .native import read_iterate as read_iterate
 from .native import read_outer as read_outer
 from .native import read_search as read_search
+from .native import sizes_header as sizes_header
 from .native import structs_of as structs_of
 from .native import write as write
 from .options import Fixed as Fixed
@@ -32,3 +35,4 @@ from .run import Run as Run
 from .warm_start import WarmStart as WarmStart
 from .warm_start import first_iterate as first_iterate
 from .warm_start import iterate_from as iterate_from
+from .warned import issue as issue

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import CompiledProblem, Problem, check_numbers, compile_problem, require_derivatives
+from piaffe.ocp import (
+    CompiledProblem,
+    Problem,
+    check_numbers,
+    compile_problem,
+    early_warnings,
+    find_warnings,
+    require_derivatives,
+)
 
 from ..solution import Record, Solution, Status
 from .cause import with_cause
@@ -22,6 +30,7 @@ from .result import assemble
 from .rollout import move
 from .run import Run
 from .warm_start import WarmStart, first_iterate
+from .warned import issue
 
 Flags = NDArray[np.bool_]
 
@@ -36,6 +45,9 @@ class MSiLQR:
             warning, if no compiler works. ``"numpy"``: the readable reference. Both have the same iterates.
         building: called while the native backend compiles, with the number of finished steps, the number of all steps,
             and the name of the last finished step.
+
+    What is likely a mistake in the problem is issued as ``piaffe.PiaffeWarning``, with file and line; the attribute
+    ``warnings`` has the same as values.
 
     Raises:
         SolverError: the problem or the backend is not one.
@@ -59,7 +71,9 @@ class MSiLQR:
             )
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
+        early = issue(early_warnings(problem)) if isinstance(problem, Problem) else []
         self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
+        self.warnings = early + issue(find_warnings(self.problem))
         self.functions = ProblemFunctions(self.problem)
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()

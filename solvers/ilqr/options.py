@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from piaffe.errors import SolverError
+from piaffe.ocp import caller
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +41,7 @@ class Options:
             trial step. None for no limit.
         adapt: whether the solve changes barrier, multipliers and penalties. Without, they stay as they are at its
             start, and it ends at the first stationary iterate: as ``CONVERGED`` if every tolerance is met, the
-            barrier's included, otherwise as ``STATIONARY``. See :class:`Fixed`.
+            barrier's included, otherwise as ``STATIONARY``. See :class:`Fixed` and :class:`Adapting`.
     """
 
     max_iterations: int = 1000
@@ -74,12 +75,14 @@ class Options:
             value = getattr(self, item.name)
             if value is not None and not isinstance(value, bool) and not value > 0:
                 raise SolverError(
-                    f"options: {item.name} is out of range - got {value}, expected a positive number; increase it"
+                    f"options ({caller()}): {item.name} is out of range - got {value}, expected a positive number; "
+                    "increase it"
                 )
         for name in ("barrier_factor", "armijo", "merit_margin", "step_shrink", "min_step"):
             if not getattr(self, name) < 1:
                 raise SolverError(
-                    f"options: {name} is out of range - got {getattr(self, name)}, expected below 1; lower it"
+                    f"options ({caller()}): {name} is out of range - got {getattr(self, name)}, expected below 1; "
+                    "lower it"
                 )
 
 
@@ -103,8 +106,8 @@ class Fixed:
         for name in ("weight", "relaxation"):
             if not getattr(self, name) > 0:
                 raise SolverError(
-                    f"fixed barrier: {name} is out of range - got {getattr(self, name)}, expected a positive number; "
-                    "increase it"
+                    f"fixed barrier: {name} is out of range - got {getattr(self, name)}, expected a "
+                    "positive number; increase it"
                 )
 
     def options(self, others: Options | None = None) -> Options:

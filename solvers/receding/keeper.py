@@ -17,6 +17,8 @@ class Keeper:
 
     def __init__(self) -> None:
         self._kept: list[Any] = []
+        self.vectors: dict[int, int] = {}
+        """Number of vectors at an address, for memory whose size depends on the width of a vector."""
 
     def keep(self, thing: Any) -> Any:
         """Return a thing, which now lives as long as this."""
@@ -33,6 +35,12 @@ class Keeper:
     def zeros(self, count: int) -> int:
         """Return the address of zeros."""
         return int(self.keep(aligned_zeros(max(count, 1))).ctypes.data)
+
+    def zero_vectors(self, count: int, width: int) -> int:
+        """Return the address of vectors of zeros, each of ``width`` doubles."""
+        address = self.zeros(count * width)
+        self.vectors[address] = max(count, 1)
+        return address
 
     def ints(self, values: ArrayLike) -> int:
         """Return the address of a copy of whole numbers as C's int."""

@@ -33,6 +33,14 @@ class RecedingMemory(Keeper):
         latency: of plans [s]. retiming: of landings; None for none.
         iterations: of a plan.
         first_iterations: of the first plan.
+        adapt_below: see :class:`Adapting`; 0 for a fixed barrier.
+
+    Attributes:
+        starts: ticks at which a horizon may begin; later ones of a cycle need no more memory.
+        num_spans: most stages of a horizon.
+        arena_bytes: of the solver's memory.
+        plan_numbers: doubles of a plan. plan_entries: of its header.
+        c: the structure.
     """
 
     def __init__(
@@ -43,27 +51,28 @@ class RecedingMemory(Keeper):
         iterations: int,
         first_iterations: int,
         retiming: Retiming | None = None,
+        adapt_below: float = 0.0,
     ) -> None:
         super().__init__()
         self.horizon, self.tables = horizon, HorizonMemory(horizon)
         self.modes, self.links, self.width = self.tables.modes, self.tables.links, self.tables.width
         self.c = s.Receding(
             horizon=ct.addressof(self.tables.c), latency=latency, iterations=iterations,
-            first_iterations=first_iterations,
+            first_iterations=first_iterations, adapt_below=adapt_below,
         )  # fmt: skip
         if retiming is not None:
             self.c.clock.limit, self.c.clock.gain = retiming.limit, retiming.gain
         self.c.clock.flight = -1
         self._solver_memory(options, max(iterations, first_iterations))
         self._work()
-        self._measure()
+        self.measure()
         self._plan = self.tables.library.receding_plan
         self._plan.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p)
         self._x = np.zeros(horizon.models[0].state.nx)
 
     def plan_memory(self) -> PlanMemory:
         """Return memory for a plan."""
-        return PlanMemory(self._entries, self._numbers)
+        return PlanMemory(self.plan_entries, self.plan_numbers)
 
     def plan(self, x: Array, t: float, plan: PlanMemory) -> int:
         """Write a plan from a state (nx,) at time t [s]; return the code of ``receding.h``."""
@@ -92,7 +101,7 @@ class RecedingMemory(Keeper):
         problem.history = ct.cast(self._history, type(problem.history))
         every: list[LoweredMode | LoweredTransition] = [*self.modes, *self.links]
         most = max([1, *(sum(len(rows) for rows in each.rows.values()) for each in every)])
-        problem.slope, problem.curvature = (self.zeros(most * self.width) for _ in range(2))
+        problem.slope, problem.curvature = (self.zero_vectors(most, self.width) for _ in range(2))
         self.problem = problem
         c.problem = ct.addressof(problem)
         scratch = self.keep((kinds.Block * len(every))())
@@ -106,7 +115,7 @@ class RecedingMemory(Keeper):
                 "g": rows.get("stage_g", rows.get("g", 0)), "h": rows.get("stage_h", rows.get("h", 0)),
             }  # fmt: skip
             for key, count in {**counts, "weight": counts["residual"]}.items():
-                setattr(block, key, self.zeros(count * self.width))
+                setattr(block, key, self.zero_vectors(count, self.width))
             block.count = 1
         c.scratch = ct.addressof(scratch)
 
@@ -124,14 +133,19 @@ class RecedingMemory(Keeper):
             sum(f.numel_in(i) for i in range(f.n_in())) + sum(f.numel_out(i) for i in range(f.n_out()))
             for f in functions.values()
         )
-        c.lanes = self.zeros(most * self.width)
-        c.work = self.zeros(max(self.tables.work.values()) * self.width)
+        c.lanes = self.zero_vectors(most, self.width)
+        c.work = self.zero_vectors(max(self.tables.work.values()), self.width)
         ends = max((of.num_sample for of in own), default=0) + max((of.num_start for of in own), default=0)
         layouts = [mode.layout for mode in self.modes] + [link.layout for link in self.links]
         c.rows = self.zeros(max(ends, *(layout.size for layout in layouts)))
         c.x = self.zeros(self.horizon.models[0].state.nx)
 
-    def _measure(self) -> None:
+    def be_lean(self) -> None:
+        """Leave out of plans what no low level reads; plans that Python reads need it."""
+        self.tables.c.lean = 1
+        self.measure()
+
+    def measure(self) -> None:
         """Allocate for the longest horizon: every start up to the end of the calendar's entries tells its needs.
 
         A cycle need not be a whole number of steps of the first model. Later cycles then begin at other ticks.
@@ -142,6 +156,7 @@ class RecedingMemory(Keeper):
             int(last if window is None else window) // each
             for window, each in zip(horizon.layout.windows, calendar.steps, strict=True)
         )  # stages; a part has at least one, one node more than stages, and perhaps a middle for each
+        self.num_spans = most
         c.spans = ct.addressof(self.keep((s.Span * most)()))
         c.nodes = ct.addressof(self.keep((s.Node * (3 * most))()))
         c.firsts = self.ints(np.zeros(most))
@@ -149,12 +164,13 @@ class RecedingMemory(Keeper):
         size, numbers, entries = ct.c_size_t(), ct.c_long(), ct.c_long()
         needs = []
         end = last if calendar.cycle else last - step + 1
-        for k in range(0, end, gcd(step, calendar.period)):
+        self.starts = range(0, end, gcd(step, calendar.period))
+        for k in self.starts:
             self.tables.library.receding_sizes(
                 ct.byref(c), ct.c_long(k), ct.byref(size), ct.byref(numbers), ct.byref(entries)
             )
             needs.append((size.value, numbers.value, entries.value))
-        self.arena_bytes, self._numbers, self._entries = (max(each) for each in zip(*needs, strict=True))
+        self.arena_bytes, self.plan_numbers, self.plan_entries = (max(each) for each in zip(*needs, strict=True))
         c.arena.base = self.keep(aligned_zeros(self.arena_bytes // 8 + 8)).ctypes.data
 
 

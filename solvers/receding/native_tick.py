@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SolverError
+from piaffe.ocp import LoweredMode, LoweredTransition
 
 from ..ilqr import STATUS
 from .memory import NOT_FINITE_PLAN, RecedingMemory
@@ -18,6 +19,7 @@ from .plan_memory import HEADER, NUM_FIGURES, PART, PlanMemory, PlanPool
 
 Array = NDArray[np.float64]
 
+_ROWS = ("relaxation", "shift", "equality", "penalty", "end_relaxation", "end_shift", "end_equality", "end_penalty")
 _TICKS = ("numbers", "solve", "policy")
 
 
@@ -113,6 +115,7 @@ class NativeTick:
             moved=tuple(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
             cost=figures[6], max_defect=figures[7], max_equality=figures[8], max_inequality=figures[9],
             seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=figures[10], shift=figures[14],
+            barrier_weight=figures[15],
         )  # fmt: skip
         self.pool.follow(plan.parts, own)
         return plan
@@ -153,13 +156,23 @@ class _Parts(Sequence[PlannedPhase]):
             (0 if transition is None else transition.layout.size,),
         )  # fmt: skip
         times, x, u, k, K, Q_x, Q_u, Q_xx, Q_ux, Q_uu, p, g_mask, h_mask, p_transition = (
-            own.numbers[first : first + int(np.prod(shape))].reshape(shape)
-            for first, shape in zip(at, shapes, strict=True)
+            own.view(first, shape) for first, shape in zip(at, shapes, strict=False)
         )
         return PlannedPhase(
             segment, number, memory.horizon.calendar.entries[entry].phase.name, mode, times, x, u, k, K, Q_x, Q_u,
             Q_xx, Q_ux, Q_uu, p, g_mask, h_mask, transition, p_transition, bool(max(flags, 0) & 1),
+            self._multipliers(mode, transition, n, at[len(shapes) :]) if memory.c.adapt_below > 0 else {},
         )  # fmt: skip
+
+    def _multipliers(
+        self, mode: LoweredMode, transition: LoweredTransition | None, n: int, at: Sequence[int]
+    ) -> dict[str, Array]:
+        """Return the numbers of the rows of a part with n stages, as views."""
+        stage = {kind: (n, len(mode.rows[f"stage_{kind}"])) for kind in "gh"}
+        more = {kind: 0 if transition is None else len(transition.rows[kind]) for kind in "gh"}
+        end = {kind: (len(mode.rows[f"terminal_{kind}"]) + more[kind],) for kind in "gh"}
+        shapes = [shape[kind] for shape in (stage, end) for kind in "gghh"]
+        return {name: self.memory.view(first, shape) for name, first, shape in zip(_ROWS, at, shapes, strict=True)}
 
 
 def _memory_of(plan: Plan) -> PlanMemory:

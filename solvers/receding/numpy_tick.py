@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from piaffe.errors import ProblemError
 from piaffe.ocp import SAME_TIME, CompiledProblem, Course, Horizon, is_same_time
 
-from ..ilqr import Iterate, Options, ProblemFunctions, Run, Sweep, move, sweeps_of
+from ..ilqr import Iterate, Options, Outer, ProblemFunctions, Run, Sweep, adapt_for_next, move, sweeps_of
 from ..solution import Status
 from .plan import Plan, PlannedPhase
 from .predict import after_reset, predicted
 from .retiming import Clock, Retiming
+from .rows import keep_rows
 from .shift import shifted
 
 Array = NDArray[np.float64]
@@ -45,14 +46,19 @@ class NumpyTick:
         horizon: the problem at any time.
         options: of the solves.
         retiming: of landings; None for none.
+        adapt_below: see :class:`Adapting`; 0 for a fixed barrier.
     """
 
-    def __init__(self, horizon: Horizon, options: Options, retiming: Retiming | None = None) -> None:
-        self.horizon, self.options = horizon, options
+    def __init__(
+        self, horizon: Horizon, options: Options, retiming: Retiming | None = None, adapt_below: float = 0.0
+    ) -> None:
+        self.horizon, self.options, self.adapt_below = horizon, options, adapt_below
         self.clock = Clock(horizon, retiming)
         self.plan: Plan | None = None
         """The last plan; None if there was none, or if it is not finite, so that the next one begins anew."""
         self.course: Course | None = None
+        self.outer: Outer | None = None
+        """Barrier, multipliers and penalties after the last plan."""
         self.began = False
 
     def predicted(self, x: Array, t: float, start: float) -> Array:
@@ -91,7 +97,8 @@ class NumpyTick:
         problem = horizon.at(course, start)
         numbers = time.perf_counter()
         spans = horizon.layout.at(course.tick)
-        states, controls, fresh = shifted(problem, spans, last, course.moved, start, None if same else shift)
+        clock = None if same else shift
+        states, controls, fresh = shifted(problem, spans, last, course.moved, start, clock)
         options = replace(self.options, max_iterations=iterations)
         if not self.began:
             options = replace(options, time_limit_s=None)  # the first plan has no limit of time
@@ -100,7 +107,12 @@ class NumpyTick:
             np.full(len(own), not (last is not None and new and landed))
             for own, new, landed in zip(states, fresh, lands, strict=True)
         ]
-        solved = solve_in_numpy(problem, Iterate(states, controls), options, shooting)
+        outer = Outer(problem, options)
+        if self.adapt_below > 0 and last is not None and self.outer is not None:
+            outer.weight, outer.last_equality = self.outer.weight, self.outer.last_equality
+            keep_rows(problem, spans, last, outer.duals, clock)
+        solved = solve_in_numpy(problem, Iterate(states, controls), options, shooting, outer, self.adapt_below)
+        self.outer = outer
         parts = tuple(
             PlannedPhase(
                 segment=span.segment, number=span.place.number, name=phase.name, mode=phase.mode,
@@ -108,9 +120,10 @@ class NumpyTick:
                 feedback=sweep.feedback, Q_x=sweep.Q_x, Q_u=sweep.Q_u, Q_xx=sweep.Q_xx, Q_ux=sweep.Q_ux,
                 Q_uu=sweep.Q_uu, p=phase.p, g_mask=phase.g_mask, h_mask=phase.h_mask, transition=phase.transition,
                 p_transition=phase.p_transition, resets=phase.resets,
+                multipliers=dual.stored() if self.adapt_below > 0 else {},
             )
-            for span, phase, xs, us, sweep in zip(
-                spans, problem.phases, solved.states, solved.controls, solved.sweeps, strict=True
+            for span, phase, xs, us, sweep, dual in zip(
+                spans, problem.phases, solved.states, solved.controls, solved.sweeps, outer.duals, strict=True
             )
         )  # fmt: skip
         ended = time.perf_counter()
@@ -118,7 +131,7 @@ class NumpyTick:
             horizon, parts, course.anchor, course.moved, solved.status, solved.iterations,
             any(bool(sweep.Q_uu.any()) for sweep in solved.sweeps), solved.cost, solved.max_defect,
             solved.max_equality, solved.max_inequality, {"numbers": numbers - began, "solve": ended - numbers},
-            measured_at, shift,
+            measured_at, shift, outer.weight,
         )  # fmt: skip
         self.plan, self.course = (plan, course) if _is_finite(plan) else (None, None)
         self.began = True
@@ -126,7 +139,7 @@ class NumpyTick:
 
     def reset(self) -> None:
         """Forget the last plan."""
-        self.plan = self.course = None
+        self.plan = self.course = self.outer = None
         self.began = False
         self.clock.reset()
 
@@ -145,18 +158,35 @@ def _is_finite(plan: Plan) -> bool:
 
 
 def solve_in_numpy(
-    problem: CompiledProblem, start: Iterate, options: Options, shooting: list[NDArray[np.bool_]]
+    problem: CompiledProblem,
+    start: Iterate,
+    options: Options,
+    shooting: list[NDArray[np.bool_]],
+    outer: Outer,
+    adapt_below: float,
 ) -> Solved:
-    """Return the result of a solve by the NumPy backend from a first iterate."""
+    """Return the result of a solve by the NumPy backend from a first iterate.
+
+    Args:
+        problem: the problem.
+        start: the first iterate.
+        options: of the solve.
+        shooting: which nodes are shooting nodes.
+        outer: barrier, multipliers and penalties of the solve; after it those of the next one.
+        adapt_below: see :class:`Adapting`; 0 if they stay as they are.
+    """
     functions = ProblemFunctions(problem)
     if not all(flags.all() for flags in shooting):
         still = [np.zeros((phase.num_stages + 1, phase.mode.state.ndx)) for phase in problem.phases]
         start = move(functions, start, still, [np.zeros_like(u) for u in start.controls], 0.0, shooting)
     run = Run(functions, options, start, shooting, None)
+    run.outer = outer
     status = run.loop()
-    at = run.current
+    at, sweeps = run.current, sweeps_of(run)
     equality, inequality = run.violations(at)
+    if adapt_below > 0:
+        adapt_for_next(run, status, adapt_below)
     return Solved(
-        status, at.iterate.states, at.iterate.controls, sweeps_of(run), len(run.history), at.cost, at.max_defect,
-        equality, inequality,
+        status, at.iterate.states, at.iterate.controls, sweeps, len(run.history), at.cost, at.max_defect, equality,
+        inequality,
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,8 @@ class PlannedPhase:
         p: parameters of the stages (N, np). g_mask: (N, ng). h_mask: (N, nh).
         transition: to the next phase; None at the end. p_transition: its parameters. resets: whether it changes the
             state.
+        multipliers: numbers of the rows with which the next plan begins, named as those of a ``PhaseSolution``; empty
+            if the barrier is fixed.
     """
 
     segment: int
@@ -63,6 +65,7 @@ class PlannedPhase:
     transition: LoweredTransition | None
     p_transition: Array
     resets: bool
+    multipliers: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +88,7 @@ class Plan:
         seconds: time of each part of the work [s].
         measured_at: time of the measured state [s]; the plan begins at the first grid time at which it is ready.
         shift: time by which the motion is later than declared [s], see :class:`Retiming`; times of nodes contain it.
+        barrier_weight: weight ε of the barrier with which the next plan begins.
     """
 
     horizon: Horizon
@@ -101,6 +105,7 @@ class Plan:
     seconds: Mapping[str, float]
     measured_at: float
     shift: float = 0.0
+    barrier_weight: float = 0.0
 
     @property
     def address(self) -> int | None:

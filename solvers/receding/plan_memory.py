@@ -16,7 +16,7 @@ from . import structs as s
 
 Array = NDArray[np.float64]
 
-HEADER, PART, NUM_FIGURES = 5, 23, 16
+HEADER, PART, NUM_FIGURES = 5, 31, 16
 """Entries of a plan's header, entries per part, and figures; as in ``receding.h``."""
 
 
@@ -37,6 +37,10 @@ class PlanMemory:
         """Where low levels read the plan."""
         self.c = s.Plan(self.header.ctypes.data, self.numbers.ctypes.data, self._phases.ctypes.data, self.address)
         self._references = sys.getrefcount(self.numbers.base)
+
+    def view(self, first: int, shape: tuple[int, ...]) -> Array:
+        """Return numbers from a place on, as an array that is not a copy."""
+        return self.numbers[first : first + int(np.prod(shape))].reshape(shape)
 
     @property
     def is_free(self) -> bool:

@@ -13,6 +13,7 @@ from piaffe.ocp import SAME_TIME, Horizon, Problem
 
 from ..ilqr import Backend, Fixed, Options
 from ..tracking import LowLevel
+from .adapting import Adapting
 from .loop import Loop, time_goes_back
 from .memory import RecedingMemory
 from .native_tick import NativeTick
@@ -36,7 +37,7 @@ class RecedingHorizon:
         period: time between plans [s], a multiple of the first model's time step.
         iterations: iterations of a plan.
         budget_s: time after which a plan's solve stops [s]; None for no limit, so that plans are deterministic.
-        barrier: a barrier that plans keep.
+        barrier: a barrier that plans keep, or one that adapts between plans.
         latency: time from a measured state to the first effect of its plan [s], at most the period.
         retiming: how far landings are shifted in time; None to keep the declared times.
         options: further options of the solver.
@@ -56,7 +57,7 @@ class RecedingHorizon:
         period: float = 0.02,
         iterations: int = 4,
         budget_s: float | None = None,
-        barrier: Fixed | None = None,
+        barrier: Fixed | Adapting | None = None,
         latency: float = 0.0,
         retiming: Retiming | None = None,
         options: Options | None = None,
@@ -74,14 +75,15 @@ class RecedingHorizon:
         _check_latency(latency, period)
         self.period, self.iterations, self.latency = period, iterations, latency
         self.first_iterations, self.backend = first_iterations, backend
-        fixed = (barrier or Fixed(0.05, 0.1)).options(options or Options(penalty=1000.0))
-        self.options = replace(fixed, time_limit_s=budget_s)
+        given = (barrier or Fixed(0.05, 0.1)).options(options or Options(penalty=1000.0))
+        self.options = replace(given, time_limit_s=budget_s)
+        adapt_below = barrier.max_defect if isinstance(barrier, Adapting) else 0.0
         self._numpy = self._native = None
         if backend == "numpy":
-            self._numpy = NumpyTick(horizon, self.options, retiming)
+            self._numpy = NumpyTick(horizon, self.options, retiming, adapt_below)
         else:
             self._native = NativeTick(
-                RecedingMemory(horizon, self.options, latency, iterations, first_iterations, retiming)
+                RecedingMemory(horizon, self.options, latency, iterations, first_iterations, retiming, adapt_below)
             )
         self._commands: dict[str, float] = {}
         self._last_start: float | None = None  # of a plan that was made here
@@ -95,6 +97,11 @@ class RecedingHorizon:
     def initial(self) -> Array:
         """Initial state of the declared problem (nx,)."""
         return self.problem.initial
+
+    @property
+    def compiled(self) -> NativeTick | None:
+        """The tick in C; None for the readable reference."""
+        return self._native
 
     def reset(self) -> None:
         """Delete the last plan and all commands.

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import SAME_TIME, CompiledProblem, Manifold, PlanarFrame, Span, transform_state
+from piaffe.ocp import SAME_TIME, CompiledPhase, CompiledProblem, Manifold, PlanarFrame, Span, transform_state
 
 from .plan import Plan, PlannedPhase
 
@@ -38,21 +38,14 @@ def shifted(
         clock: time by which the motion is now later than declared [s], if that has just changed. The phase at the
             present then takes what the last plan has at the same time of the world, the nearest within the phase.
     """
-    earlier = 0.0 if plan is None else plan.shift
     states = [phase.guess_states.copy() for phase in problem.phases]
     controls = [phase.guess_controls.copy() for phase in problem.phases]
     fresh = []
     for phase, span, xs, us in zip(problem.phases, spans, states, controls, strict=True):
         space, cut = phase.mode.state, phase.mode.model.cut_by_modes
-        own = [
-            part
-            for part in (() if plan is None else plan.parts)
-            if part.mode.state is space and (part.number == span.place.number or not cut)
-        ]
+        own = own_parts(plan, phase, span)
         fresh.append(not own)
-        times = phase.times + earlier
-        if clock is not None and own and phase is problem.phases[0]:
-            times = np.clip(phase.times + clock, own[0].times[0], own[0].times[-1])
+        times = times_in(plan, phase, own, clock if phase is problem.phases[0] else None)
         for k, t in enumerate(times):
             part = _containing(own, float(t))
             if part is not None:
@@ -68,6 +61,23 @@ def shifted(
                     us[k] = transform_state(phase.mode.model.control, control, moved)
     states[0][0] = x
     return states, controls, fresh
+
+
+def own_parts(plan: Plan | None, phase: CompiledPhase, span: Span) -> list[PlannedPhase]:
+    """Return the phases of a plan that a phase of the next tick goes on from: of its model, and perhaps its number."""
+    space, cut = phase.mode.state, phase.mode.model.cut_by_modes
+    return [
+        part
+        for part in (() if plan is None else plan.parts)
+        if part.mode.state is space and (part.number == span.place.number or not cut)
+    ]
+
+
+def times_in(plan: Plan | None, phase: CompiledPhase, own: Sequence[PlannedPhase], clock: float | None) -> Array:
+    """Return the times of the last plan at which nodes of a phase (N+1,) find what they take from it [s]."""
+    if clock is not None and own:
+        return np.clip(phase.times + clock, own[0].times[0], own[0].times[-1])
+    return phase.times + (0.0 if plan is None else plan.shift)
 
 
 def _containing(parts: Sequence[PlannedPhase], t: float) -> PlannedPhase | None:

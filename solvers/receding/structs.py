@@ -69,7 +69,9 @@ class HorizonTables(ct.Structure):
         (ct.c_long, "total period"),
         (ct.c_int, "num_entries cycle num_pieces num_segments num_targets num_modes num_transitions"),
         (_P, "entries segments pieces spaces samples frames initial modes transitions mode_tables transition_tables"),
-        (_P, "moved_sample pose solve policy followed"),
+        (_P, "moved_sample pose solve policy adapt"),
+        (ct.c_int, "lean"),
+        (_P, "clock followed"),
     )
 
 
@@ -123,7 +125,7 @@ class Receding(ct.Structure):
     _fields_ = [
         ("horizon", _P), ("course", Course), *fields((ct.c_int, "has_plan began")), ("last", Plan),
         ("options", OptionsStruct), ("latency", ct.c_double), ("clock", Clock),
-        *fields((ct.c_int, "first_iterations iterations")),
+        *fields((ct.c_int, "first_iterations iterations"), (ct.c_double, "adapt_below last_equality")),
         ("arena", Arena),
         *fields((_P, "problem spans nodes firsts"), (ct.c_int, "num_nodes")),
         *fields((_P, "samples frames memories nows"), (ct.c_int, "most_memory")),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import TIME_STEP, Horizon, LoweredMode, LoweredTransition
 
-from ..ilqr import library_of
+from ..ilqr import library_of, sizes_header
 from . import structs as s
 from .functions import generated_functions, spaces
 from .keeper import Keeper
@@ -43,7 +43,7 @@ class HorizonMemory(Keeper):
         self.solver, _ = library_of(self.modes, self.links)
         self.width = self.solver.built.width
         self.functions = generated_functions(horizon)
-        self.library, self.work = receding_library(tuple(self.functions.items()), self.width)
+        self.library, self.work = receding_library(tuple(self.functions.items()), self.width, sizes_header(self.modes))
         self.commands: Array = self.keep(self.commanded({}))
         self.c = self._tables()
 
@@ -107,6 +107,8 @@ class HorizonMemory(Keeper):
             mode_tables=self.array(ct.c_void_p, of_modes), transition_tables=self.array(ct.c_void_p, of_links),
             moved_sample=self._address("moved_sample"), pose=self._address("pose"),
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
+            clock=ct.cast(solver.piaffe_now, ct.c_void_p),
+            adapt=ct.cast(solver.piaffe_adapt, ct.c_void_p),
             followed=self.ints([own_modes.index(mode) if mode in own_modes else -1 for mode in self.modes]),
         )  # fmt: skip
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.codegen import LoadedLibrary
 from piaffe.ocp import ORIGIN, LoweredMode
 
 from .contacts import MeasuredContacts
@@ -56,7 +57,8 @@ class Outcome(ct.Structure):
 
     _fields_ = [
         ("status", ct.c_int), ("iterations", ct.c_int), ("damped", ct.c_int), ("mode", ct.c_int),
-        ("num_active", ct.c_int), ("excess", ct.c_double), ("active", ct.c_void_p),
+        ("num_active", ct.c_int), ("excess", ct.c_double), ("active", ct.c_void_p), ("nominal", ct.c_void_p),
+        ("recorded", ct.c_void_p),
     ]  # fmt: skip
 
 
@@ -77,7 +79,7 @@ class NativeTick:
 
     def __init__(
         self,
-        library: ct.CDLL,
+        library: LoadedLibrary,
         modes: Sequence[LoweredMode],
         kept: Mapping[LoweredMode, Array],
         *,
@@ -187,6 +189,16 @@ class NativeTick:
     def tick_by_itself(self) -> None:
         """Call the tick directly."""
         self._call, self._first, self._owner = self._library.piaffe_tick, self.address, None
+
+    @property
+    def library(self) -> LoadedLibrary:
+        """The compiled tick."""
+        return self._library
+
+    @property
+    def c(self) -> ct.Structure:
+        """``struct low_level``."""
+        return self._low
 
     @property
     def modes(self) -> tuple[LoweredMode, ...]:

@@ -9,7 +9,7 @@ from importlib.resources import files
 
 import casadi as cs
 
-from piaffe.codegen import SOLVER_FLAGS, NoCompilerError, build, generate, load
+from piaffe.codegen import SOLVER_FLAGS, LoadedLibrary, NoCompilerError, build, generate, load
 from piaffe.ocp import LoweredMode, moved_symbols
 
 from ..ilqr import constants_header
@@ -20,7 +20,7 @@ _TABLE = "static const int __attribute__((unused))"
 _HEADERS = ("plan.h", "contacts.h", "tick.h", "mode.inc")
 
 
-def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, ControlRows]) -> ct.CDLL | None:
+def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, ControlRows]) -> LoadedLibrary | None:
     """Return the compiled tick of some modes; None if no compiler works.
 
     It is also None if ∂r/∂u depends on z in one.
@@ -34,7 +34,7 @@ def tick_library(modes: Sequence[LoweredMode], rows: Mapping[LoweredMode, Contro
 
 
 @lru_cache(maxsize=16)
-def _library(modes: tuple[LoweredMode, ...]) -> ct.CDLL:
+def _library(modes: tuple[LoweredMode, ...]) -> LoadedLibrary:
     functions: dict[str, cs.Function] = {}
     every = [ControlRows(mode) for mode in modes]
     for i, rows in enumerate(every):
@@ -72,6 +72,14 @@ def _functions(rows: ControlRows) -> dict[str, cs.Function]:
     if turns(rows.mode):
         parts = [(q, u[part]) for q, part in rows.mode.model.control.slices.items()]
         found["world"] = cs.Function("world", [u, anchor], [cs.densify(cs.vertcat(*moved_symbols(parts, anchor)))])
+    if outputs := rows.mode.outputs:
+        values = rows.mode.functions["outputs"].call({"x": x, "u": u, "z": z, "p": p})["outputs"]
+        parts, first = [], 0
+        for quantity, size in outputs:
+            parts.append((quantity, values[first : first + size]))
+            first += size
+        world = cs.densify(cs.vertcat(*moved_symbols(parts, anchor)))
+        found["recorded"] = cs.Function("recorded", [x, u, z, p, anchor], [world], {"cse": True})
     if rows.mode.nz:
         system = cs.densify(cs.horzcat(*rows.system)).T
         found["implicit"] = cs.Function("implicit", [x, u, p], [system], {"cse": True})
@@ -103,7 +111,7 @@ def _kernel(i: int, rows: ControlRows, work: Mapping[str, int]) -> str:
         "NX": mode.state.nx, "NDX": mode.state.ndx, "NU": nu, "NZ": mode.nz, "NP": mode.layout.size,
         "NG": len(mode.rows["stage_g"]), "NH": len(mode.rows["stage_h"]), "KEPT_G": len(rows.g), "KEPT_H": len(rows.h),
         "NUM_Z": pattern.nnz(), "NUM_BOUNDS": len(rows.bounds), "SPEED": speeds, "POSITION": position,
-        "VELOCITY": velocity, "TURNS": int(turns(mode)),
+        "VELOCITY": velocity, "TURNS": int(turns(mode)), "NUM_RECORDED": sum(size for _, size in mode.outputs),
         "NUM_WORK": max(size for name, size in work.items() if name.startswith(f"tick{i}_")),
     }  # fmt: skip
     tables = {

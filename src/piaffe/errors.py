@@ -53,6 +53,10 @@ class FileFormatError(PiaffeError, ValueError):
     """A file has another format, is truncated, or was written by a newer version."""
 
 
+class PiaffeWarning(UserWarning):
+    """A declaration is usable, but it is likely not what was meant; the message has file and line."""
+
+
 class SolverError(PiaffeError, RuntimeError):
     """A solver cannot do what was requested, or a solve that had to converge did not."""
 

@@ -61,10 +61,12 @@ def test_range_of_some_joints():
     assert hips.structure() != models.joint_range("calf_joint", 0.2, scale=0.2).structure()
     assert models.joint_range("FL", upper=1.0).labels(MODEL) == ROBOT.joint_names[:3]
     with pytest.raises(
-        ProblemError, match="joint_range: no bound - got none, expected limit, lower or upper; give one"
+        ProblemError, match=r"joint_range \(.*py:\d+\): no bound - got none, expected limit, lower or upper; give one"
     ):
         models.joint_range("FL")
-    with pytest.raises(ProblemError, match="joint_range: limit is out of range - got -1, expected a number ≥ 0"):
+    with pytest.raises(
+        ProblemError, match=r"joint_range \(.*py:\d+\): limit is out of range - got -1, expected a number ≥ 0"
+    ):
         models.joint_range("FL", -1)
 
 
@@ -72,7 +74,9 @@ def test_base_height_has_two_bounds():
     heights = models.base_height(0.1, maximum=0.3, scale=0.3)
     assert (heights.lower, heights.upper, heights.scale) == (0.1, 0.3, 0.3)
     assert rows(heights.function(SimpleNamespace(base=SimpleNamespace(height=cs.SX(0.2))))) == pytest.approx([0.2])
-    with pytest.raises(ProblemError, match="base_height: no bound - got none, expected minimum or maximum; give one"):
+    with pytest.raises(
+        ProblemError, match=r"base_height \(.*py:\d+\): no bound - got none, expected minimum or maximum; give one"
+    ):
         models.base_height()
 
 
@@ -85,10 +89,14 @@ def test_clearance_concerns_feet_in_the_air_that_have_not_just_left():
 
 def test_numbers_out_of_range_are_refused():
     with pytest.raises(
-        ProblemError, match=r"friction_cone: mu is out of range - got -0\.1, expected a positive number"
+        ProblemError, match=r"friction_cone \(.*py:\d+\): mu is out of range - got -0\.1, expected a positive number"
     ):
         models.friction_cone(mu=-0.1)
-    with pytest.raises(ProblemError, match=r"joint_limits: margin is out of range - got -1, expected a number ≥ 0"):
+    with pytest.raises(
+        ProblemError, match=r"joint_limits \(.*py:\d+\): margin is out of range - got -1, expected a number ≥ 0"
+    ):
         models.joint_limits(-1)
-    with pytest.raises(ProblemError, match=r"friction_cone: mu is out of range - got 'dry', expected a positive"):
+    with pytest.raises(
+        ProblemError, match=r"friction_cone \(.*py:\d+\): mu is out of range - got 'dry', expected a positive"
+    ):
         models.friction_cone(mu="dry")

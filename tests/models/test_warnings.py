@@ -23,7 +23,7 @@ def warned(*phases, body=BODY, initial=None, motion=None):
     """Return the warnings about a motion as (place, text) pairs."""
     motion = motion or ocp.Motion(*phases)
     objective = ocp.Objective(ocp.regularize(joints.torque, weight=0.1))
-    schedule = body.until_end(dt=0.05)
+    schedule = body.until_end(dt=0.01)
     start = body.state() if initial is None else initial
     compiled = ocp.compile_problem(ocp.Problem(motion, schedule, objective, initial=start))
     return [(warning.where, warning.text) for warning in ocp.find_warnings(compiled)]
@@ -221,5 +221,5 @@ def test_one_cycle_of_a_cyclic_motion_is_checked():
         keyframe("stand", ALL, 0.1, position=(0, 0, 0.4)), keyframe("hop", NONE, 0.1, position=(0, 0, 0.3)), cyclic=True
     )
     objective = ocp.Objective(ocp.regularize(joints.torque))
-    compiled = ocp.compile_problem(ocp.Problem(hop, BODY.over(0.4, dt=0.05), objective, initial=BODY.state()))
+    compiled = ocp.compile_problem(ocp.Problem(hop, BODY.over(0.4, dt=0.01), objective, initial=BODY.state()))
     assert [warning.where.split("'")[1] for warning in ocp.find_warnings(compiled)] == ["stand"]

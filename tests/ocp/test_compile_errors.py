@@ -169,7 +169,8 @@ def test_segment_that_is_not_a_whole_number_of_steps():
 
 def test_mode_that_a_model_does_not_have():
     assert told(ProblemError, lambda: ball(ocp.Phase("drop", "fly", 0.4))) == (
-        "phase 'drop' (HERE): model 'ball': no mode 'fly' - got 'fly', expected one of ['fall']; did you mean 'fall'?"
+        "phase 'drop' (HERE): model 'ball' (HERE): no mode 'fly' - got 'fly', expected one of ['fall']; did you mean "
+        "'fall'?"
     )
 
 
@@ -573,7 +574,7 @@ def test_parameter_of_the_wrong_size():
 
 def test_parameter_that_is_no_number():
     assert told(ProblemError, lambda: ocp.parameter("gap", np.nan)).startswith(
-        "parameter 'gap': value is unusable - got nan"
+        "parameter 'gap' (HERE): value is unusable - got nan"
     )
 
 
@@ -650,13 +651,14 @@ def test_derivatives_that_do_not_fit_the_state(returned, message):
 def test_models_that_are_none():
     go = {"go": lambda s: {"z": 0}}
     assert told(ModelError, lambda: ocp.Model("m", state={"z": 1}, modes={})).startswith(
-        "model 'm': no modes - got none"
+        "model 'm' (HERE): no modes - got none"
     )
     assert told(ModelError, lambda: ocp.Model("m", state={"z": 1}, control={"z": 1}, modes=go)) == (
-        "model 'm': names are not unique - got ['z'] twice, expected each state, control and quantity once; rename one"
+        "model 'm' (HERE): names are not unique - got ['z'] twice, expected each state, control and quantity once; "
+        "rename one"
     )
     assert told(ModelError, lambda: ocp.Model("m", state={"z": 1}, modes=go, integrator="rk5")) == (
-        "model 'm': integrator is unknown - got 'rk5', expected 'euler', 'rk4' or 'discrete'; choose one"
+        "model 'm' (HERE): integrator is unknown - got 'rk5', expected 'euler', 'rk4' or 'discrete'; choose one"
     )
 
 

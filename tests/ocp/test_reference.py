@@ -198,14 +198,20 @@ def test_arrays_interpolate_quaternions_to_unit_length():
 
 @pytest.mark.parametrize("times", [[0.0, 0.0], [1.0, 0.5], [[0.0, 1.0]]])
 def test_times_that_do_not_increase(times):
-    with pytest.raises(ProblemError, match="FromArrays: times are unusable"):
+    with pytest.raises(ProblemError, match=r"FromArrays \(test_reference\.py:\d+\): times are unusable"):
         ocp.FromArrays(times, {POSITION: np.zeros((2, 3))})
 
 
 def test_arrays_with_missing_rows_or_numbers():
-    with pytest.raises(ShapeError, match=r"FromArrays, 'position': wrong number of rows - got \(3,\), expected 2"):
+    with pytest.raises(
+        ShapeError,
+        match=r"FromArrays \(test_reference\.py:\d+\), 'position': wrong number of rows - got \(3,\), expected 2",
+    ):
         ocp.FromArrays([0, 1], {POSITION: np.zeros((3, 3))})
-    with pytest.raises(ProblemError, match="FromArrays, 'position': values are unusable - got NaN or infinity"):
+    with pytest.raises(
+        ProblemError,
+        match=r"FromArrays \(test_reference\.py:\d+\), 'position': values are unusable - got NaN or infinity",
+    ):
         ocp.FromArrays([0, 1], {POSITION: np.full((2, 3), np.nan)})
 
 

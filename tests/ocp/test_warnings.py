@@ -97,6 +97,6 @@ def test_constraints_that_do_not_hold_at_the_start_are_not_reported():
             ocp.inequality(below, at="end"),
             ocp.inequality(below, when="rise"),
             ocp.inequality(lambda s: -s.z + s.push),
-            ocp.inequality(lambda s: s.z, lower=1.0),
+            ocp.inequality(lambda s: s.z, lower=-1.0),
         )
     )

@@ -13,6 +13,7 @@ from .library import library_of as library_of
 from .memory import SolverMemory as SolverMemory
 from .program import TEMPLATES as TEMPLATES
 from .program import constants_header as constants_header
+from .program import sizes_header as sizes_header
 from .structs import OPTIONS as OPTIONS
 from .structs import OptionsStruct as OptionsStruct
 from .structs import RecordStruct as RecordStruct

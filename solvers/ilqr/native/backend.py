@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.codegen import NoCompilerError, NoCompilerWarning, Worker
+from piaffe.codegen import NoCompilerError, NoCompilerWarning, UnsupportedOperationError, Worker
 from piaffe.ocp import CompiledProblem
 
 from ...solution import Record, SearchState, Status
@@ -25,6 +25,7 @@ from ..warm_start import WarmStart
 from . import structs as s
 from .library import library_for
 from .memory import SolverMemory
+from .unsupported import refused
 
 Array = NDArray[np.float64]
 
@@ -148,9 +149,15 @@ def _records(memory: SolverMemory, history: list[Record], report: Callable[[Reco
 def native_memory(
     problem: CompiledProblem, options: Options, building: Callable[[int, int, str], None] | None = None
 ) -> SolverMemory | None:
-    """Return the memory of the compiled solver for a problem; None, with a warning, if no compiler works."""
+    """Return the memory of the compiled solver for a problem; None, with a warning, if no compiler works.
+
+    Raises:
+        ProblemError: an expression of a term or of a model has no form in C.
+    """
     try:
         library, _ = library_for(problem, progress=building)
+    except UnsupportedOperationError as error:
+        raise refused(problem, error) from error
     except NoCompilerError as error:
         warnings.warn(f"solving in NumPy, about ten times slower: {error}", NoCompilerWarning, stacklevel=3)
         return None

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-from piaffe.codegen import SOLVER_FLAGS, Built, LazySources, Sources, build, load, this_cpu
+from piaffe.codegen import SOLVER_FLAGS, Built, LazySources, LoadedLibrary, Sources, build, load, this_cpu
 from piaffe.ocp import CompiledProblem, LoweredMode, LoweredTransition
 
 from .program import program, source_parts
@@ -21,7 +20,7 @@ Progress = Callable[[int, int, str], None]
 class Library:
     """A loaded library, with its modes and transitions in the order of its tables."""
 
-    loaded: ctypes.CDLL
+    loaded: LoadedLibrary
     built: Built
     modes: tuple[LoweredMode, ...]
     transitions: tuple[LoweredTransition, ...]

@@ -92,6 +92,9 @@ class SolverMemory:
         self.arrays: list[dict[str, Array]] = []
         self.c = self.types.Problem()
         self.shooting: list[NDArray[np.uint8]] = []
+        tables = [s.ModeSizes.in_dll(self.library, f"mode{i}_table") for i in range(len(modes))]
+        links = [s.TransitionSizes.in_dll(self.library, f"transition{i}_table") for i in range(len(transitions))]
+        self._work = self._array(max(each.num_work for each in (*tables, *links))).ctypes.data
         self.phases = self._phases(modes)
         self.blocks: list[NodeBlocks] = []
         groups = [self._mode_group(number, mode) for number, mode in enumerate(modes)]
@@ -146,6 +149,7 @@ class SolverMemory:
             self.arrays.append(arrays)
             for name, array in arrays.items():
                 setattr(c, name, array.ctypes.data)
+            c.work = self._work
             self.shooting.append(self._array(n // 8 + 1, 0.0).view(np.uint8)[: n + 1])
             c.N, c.dt = n, phase.dt
             c.mode = ct.addressof(ct.c_char.in_dll(self.library, table))
@@ -194,7 +198,7 @@ class SolverMemory:
 
     def _block(self, block: Any, nodes: list[tuple[int, int]], sizes: NodeSizes) -> dict[str, Array]:
         """Set the nodes of a block, and allocate its arrays."""
-        block.count = len(nodes)
+        block.count, block.work = len(nodes), self._work
         for lane, (i, k) in enumerate(nodes):
             block.phase[lane], block.index[lane] = i, k
             block.dt[lane] = self.problem.phases[i].dt

@@ -53,7 +53,7 @@ def source_parts(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTrans
 
     To serialise the functions takes a tenth of the time that it takes to generate their C code.
     """
-    parts = [cs.CasadiMeta.version(), simd.SIMD_H, constants_header(), *_SOURCES]
+    parts = [cs.CasadiMeta.version(), simd.SIMD_H, constants_header(), sizes_header(modes), *_SOURCES]
     parts += [part for entry in TEMPLATES.items() for part in entry]
     for mode in modes:
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]
@@ -88,7 +88,15 @@ def program(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTransition
     units = generate(functions)
     includes = {name: text for name, text in TEMPLATES.items() if name != "solver.c"}
     expressions = tuple((unit.name, unit.text) for unit in units.units)
-    return Program(expressions, tuple(kernels), {**units.headers, **includes, "constants.h": constants_header()})
+    headers = {"constants.h": constants_header(), "sizes.h": sizes_header(modes)}
+    return Program(expressions, tuple(kernels), {**units.headers, **includes, **headers})
+
+
+def sizes_header(modes: tuple[LoweredMode, ...]) -> str:
+    """Return the size of the largest state or control of some modes, as C."""
+    most = max(max(mode.state.nx, mode.state.ndx, mode.nu) for mode in modes)
+    lines = ["#ifndef PIAFFE_SIZES_H", "#define PIAFFE_SIZES_H", f"#define MOST_NUMBERS {most}", "#endif", ""]
+    return "\n".join(lines)
 
 
 def constants_header() -> str:

@@ -27,7 +27,7 @@ _OF_PHASE = [
 ]  # fmt: skip
 _OF_BLOCK = [
     "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "factors",
-    "factors0", "relaxation", "shift", "multiplier", "penalty",
+    "factors0", "relaxation", "shift", "multiplier", "penalty", "work",
 ]  # fmt: skip
 OF_SOLVE = [
     "weight", "rho", "least_rho", "regularization_now", "cost", "gap", "max_defect", "max_equality", "max_inequality",
@@ -57,6 +57,7 @@ Phase._fields_ = [
     ("N", ct.c_int),
     ("dt", ct.c_double),
     *((name, Doubles) for name in _OF_PHASE),
+    ("work", Doubles),
     ("shooting", ct.c_void_p),
     ("keep", ct.c_int),
     ("next", ct.POINTER(Phase)),
@@ -66,13 +67,13 @@ Phase._fields_ = [
 class ModeSizes(ct.Structure):
     """The sizes at the beginning of a mode's table."""
 
-    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nu", "nz", "nf", "num_finish")]
+    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nu", "nz", "nf", "num_finish", "num_work")]
 
 
 class TransitionSizes(ct.Structure):
     """The sizes at the beginning of a transition's table."""
 
-    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nx_next", "ndx_next", "nz", "nf")]
+    _fields_ = [(name, ct.c_int) for name in ("nx", "ndx", "nx_next", "ndx_next", "nz", "nf", "num_work")]
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,8 @@ def structs_of(width: int) -> Structs:
             ("curvature", Doubles),
             *((name, ct.c_double) for name in OF_SOLVE),
             *((name, ct.c_int) for name in COUNTERS),
+            ("clock", ct.c_void_p),
+            ("clock_data", ct.c_void_p),
             ("gains", ct.c_double * constants.PATIENCE),
         ]
 

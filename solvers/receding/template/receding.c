@@ -1,11 +1,10 @@
 /* A tick of the receding horizon: the state is predicted, the motion anchored, the numbers filled, the last plan shifted, and the
  * problem solved. numpy_tick.py is the same in NumPy. Nothing is allocated. */
-#define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <string.h>
-#include <time.h>
 
 #include "receding.h"
+#include "sizes.h"
 
 #include "manifold.inc"
 #include "calendar.inc"
@@ -13,15 +12,9 @@
 #include "layout.inc"
 #include "numbers.inc"
 #include "shift.inc"
+#include "rows.inc"
 #include "predict.inc"
 #include "clock.inc"
-
-static double seconds_now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_MONOTONIC, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
 
 /* Writes the header of a plan; returns how many numbers it needs. */
 static long lay_plan(const Receding *r, int count, long *header)
@@ -32,10 +25,14 @@ static long lay_plan(const Receding *r, int count, long *header)
         const Span *span = &r->spans[i];
         const int mode = mode_of(h, span), *link = i + 1 < count ? link_of(h, r->spans, i, nodes_of(r, i) + span->stages) : NULL;
         const Mode *m = h->mode_tables[mode];
-        const long N = span->stages, nu = m->nu, ndx = m->ndx;
-        const long sizes[] = {N + 1, (N + 1) * m->nx, N * nu, N * nu, N * nu * ndx, N * ndx, N * nu, N * ndx * ndx, N * nu * ndx,
+        const Transition *after = link && link[0] >= 0 ? h->transition_tables[link[0]] : NULL;
+        const long N = span->stages, nu = m->nu, ndx = m->ndx, kept = r->adapt_below > 0;
+        const long end_g = m->mg + (after ? after->ng : 0), end_h = m->mh + (after ? after->nh : 0);
+        const long sizes[] = {N + 1, (N + 1) * m->nx, N * nu, N * nu, N * nu * ndx, h->lean ? 0 : N * ndx, N * nu,
+                              h->lean ? 0 : N * ndx * ndx, N * nu * ndx,
                               N * nu * nu, N * m->np, N * m->ng, N * m->nh,
-                              link && link[0] >= 0 ? h->transition_tables[link[0]]->np : 0};
+                              after ? after->np : 0, kept * N * m->ng, kept * N * m->ng, kept * N * m->nh, kept * N * m->nh,
+                              kept * end_g, kept * end_g, kept * end_h, kept * end_h};
         long part[PART] = {span->segment, span->place.number, span->place.entry, mode, N, span->first, link ? link[0] : -1,
                            link ? link[3] : 0, span->last};
         for (int j = AT_TIMES; j < PART; j++) {
@@ -80,9 +77,9 @@ static void clear_policy(Problem *pr)
         const size_t N = (size_t)ph->N, nu = (size_t)ph->mode->nu, ndx = (size_t)ph->mode->ndx;
         memset(ph->k, 0, sizeof(double) * N * nu);
         memset(ph->K, 0, sizeof(double) * N * nu * ndx);
-        memset(ph->Q_x, 0, sizeof(double) * N * ndx);
+        if (ph->Q_x) memset(ph->Q_x, 0, sizeof(double) * N * ndx);
         memset(ph->Q_u, 0, sizeof(double) * N * nu);
-        memset(ph->Q_xx, 0, sizeof(double) * N * ndx * ndx);
+        if (ph->Q_xx) memset(ph->Q_xx, 0, sizeof(double) * N * ndx * ndx);
         memset(ph->Q_ux, 0, sizeof(double) * N * nu * ndx);
         memset(ph->Q_uu, 0, sizeof(double) * N * nu * nu);
     }
@@ -119,9 +116,9 @@ static void write_plan(const Receding *r, const Plan *plan)
         copy(out + part[AT_U], ph->u, N * nu);
         copy(out + part[AT_K], ph->k, N * nu);
         copy(out + part[AT_FEEDBACK], ph->K, N * nu * ndx);
-        copy(out + part[AT_Q_X], ph->Q_x, N * ndx);
+        if (ph->Q_x) copy(out + part[AT_Q_X], ph->Q_x, N * ndx);
         copy(out + part[AT_Q_U], ph->Q_u, N * nu);
-        copy(out + part[AT_Q_XX], ph->Q_xx, N * ndx * ndx);
+        if (ph->Q_xx) copy(out + part[AT_Q_XX], ph->Q_xx, N * ndx * ndx);
         copy(out + part[AT_Q_UX], ph->Q_ux, N * nu * ndx);
         copy(out + part[AT_Q_UU], ph->Q_uu, N * nu * nu);
     }
@@ -167,13 +164,15 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     const Horizon *h = r->horizon;
     Problem *pr = r->problem;
     const Space *space = &h->spaces[h->segments[0].space];
-    const double began = seconds_now(), dt = h->segments[0].dt;
-    double state[space->nx], start[space->nx];
+    const double began = h->clock(pr), dt = h->segments[0].dt;
+    double state[MOST_NUMBERS], start[MOST_NUMBERS];
+    const size_t bytes = sizeof(double) * (size_t)space->nx;
+    lend_work(r);
     for (int i = 0; i < space->nx; i++)
         if (!isfinite(x[i])) return NOT_FINITE_STATE;
     if (!(fabs(t + r->latency) / h->tick < 1e15)) return OUTSIDE; /* ticks are whole numbers; t may be NaN */
     const long step = h->segments[0].step, begin = (long)ceil((t + r->latency - SAME_TIME) / dt) * step;
-    memcpy(state, x, sizeof state);
+    memcpy(state, x, bytes);
     const double begins = (double)(begin / step) * dt;
     if (r->has_plan && begins > t + SAME_TIME) {
         const long measured = lround(t / h->tick) - r->clock.shift;
@@ -183,7 +182,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
         move_values(r, space->state, space->nx, state, r->course.anchor, state);
         for (int i = 0; i < space->nx; i++)
             if (!isfinite(state[i])) r->has_plan = 0; /* the policy is far from its plan */
-        if (!r->has_plan) memcpy(state, x, sizeof state);
+        if (!r->has_plan) memcpy(state, x, bytes);
     }
     const Clock before = r->clock;
     retime(r, state, begin);
@@ -200,30 +199,30 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     r->arena.used = 0;
     lay_out(r, &r->arena, count);
     lay_plan(r, count, plan->header);
-    double *stages[count];
-    for (int i = 0; i < count; i++) stages[i] = plan->numbers + part_of(plan, i)[AT_P];
     make_samples(r, r->nodes, r->num_nodes, r->samples);
     for (int i = 0; i < count; i++) take_middles(h, &r->spans[i], r->samples + (size_t)r->firsts[i] * (size_t)h->num_targets);
-    fill_problem(r, stages);
+    fill_problem(r, plan);
     shift_plan(r, start, r->clock.shift - before.shift);
-    memcpy((double *)pr->initial, start, sizeof start);
+    memcpy((double *)pr->initial, start, bytes);
     pr->options = r->options;
+    keep_rows(r, r->clock.shift - before.shift);
     pr->options.max_iterations = r->began ? r->iterations : r->first_iterations;
     if (!r->began) pr->options.time_limit_s = 0.0; /* the first plan has no limit of time */
     pr->num_records = pr->cancel = 0;
-    const double filled = seconds_now();
+    const double filled = h->clock(pr);
     int status = h->solve(pr, 0);
-    const double solved = seconds_now();
+    const double solved = h->clock(pr);
     plan->header[HAS_POLICY] = h->policy(pr);
     if (!plan->header[HAS_POLICY]) clear_policy(pr);
     plan->header[TICK] = k, plan->header[STATUS] = status, plan->header[ITERATIONS] = pr->num_records;
     write_plan(r, plan);
+    adapt_rows(r, plan, status);
     double *f = plan->numbers;
     memcpy(f + ANCHOR, r->course.anchor, sizeof(double) * 3);
     memcpy(f + MOVED, r->course.moved, sizeof(double) * 3);
     f[COST] = pr->cost, f[DEFECT] = pr->max_defect, f[EQUALITY] = pr->max_equality, f[INEQUALITY] = pr->max_inequality;
     f[MEASURED_AT] = t, f[SHIFT] = (double)r->clock.shift * h->tick;
-    f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = seconds_now() - solved;
+    f[NUMBERS_S] = filled - began, f[SOLVE_S] = solved - filled, f[POLICY_S] = h->clock(pr) - solved;
     receding_view(h, plan);
     r->last = *plan, r->began = 1;
     r->has_plan = is_finite(h, plan);

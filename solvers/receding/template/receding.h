@@ -77,6 +77,9 @@ typedef struct {
     const Transition *const *transition_tables;
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
     int (*solve)(Problem *, int), (*policy)(Problem *);
+    void (*adapt)(Problem *, int, double);
+    int lean;                           /* plans have no Q_x and Q_xx, which low levels do not read */
+    double (*clock)(const Problem *);   /* seconds */
     const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
 } Horizon;
 
@@ -122,9 +125,10 @@ typedef struct {
 /* A plan: header and numbers. The header begins with NUM_PARTS, TICK, ..., then PART numbers for each part. */
 enum { NUM_PARTS, TICK, STATUS, ITERATIONS, HAS_POLICY, HEADER };
 enum { SEGMENT, NUMBER, ENTRY, MODE, STAGES, FIRST, TRANSITION, FLAGS, LAST, AT_TIMES, AT_X, AT_U, AT_K, AT_FEEDBACK, AT_Q_X, AT_Q_U,
-       AT_Q_XX, AT_Q_UX, AT_Q_UU, AT_P, AT_G_MASK, AT_H_MASK, AT_P_TRANSITION, PART };
+       AT_Q_XX, AT_Q_UX, AT_Q_UU, AT_P, AT_G_MASK, AT_H_MASK, AT_P_TRANSITION, AT_RELAXATION, AT_ROW_SHIFT, AT_MULTIPLIER, AT_PENALTY,
+       AT_END_RELAXATION, AT_END_ROW_SHIFT, AT_END_MULTIPLIER, AT_END_PENALTY, PART };
 enum { ANCHOR = 0, MOVED = 3, COST = 6, DEFECT, EQUALITY, INEQUALITY, MEASURED_AT, NUMBERS_S, SOLVE_S, POLICY_S, SHIFT,
-       NUM_FIGURES = 16 };
+       WEIGHT, NUM_FIGURES = 16 };
 typedef struct planned {
     long *header;
     double *numbers;
@@ -141,6 +145,8 @@ typedef struct receding {
     double latency;
     Clock clock;
     int first_iterations, iterations;
+    double adapt_below;                 /* largest defect of a plan after which the numbers of rows adapt; 0: they are fixed */
+    double last_equality;               /* largest violation of equalities at the last change of penalties */
     Arena arena;                        /* of the solver's memory, laid out again at every tick */
     Problem *problem;
     Span *spans;

@@ -15,7 +15,7 @@ struct contacts { /* arrays have an entry per flag */
     double *since, *due;         /* time of the first reading that differs, of the awaited touchdown; NaN for none */
 };
 
-static void merge_contacts(struct contacts *c, int num, double t, double *in_contact)
+static inline void merge_contacts(struct contacts *c, int num, double t, double *in_contact)
 {
     int fresh = t < c->last - SAME_TIME;
     c->last = t;

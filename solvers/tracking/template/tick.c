@@ -1,4 +1,10 @@
 /* A tick: the stage of the plan at a time, its contacts, then the program of its mode. It allocates nothing. */
+#include <math.h>
+#include <string.h>
+
+#include "dual.c"
+#include "elastic.inc"
+#include "functions.h"
 #include "tick.h"
 
 TICK_PROTOTYPES

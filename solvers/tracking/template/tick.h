@@ -2,13 +2,7 @@
 #ifndef PIAFFE_TICK_H
 #define PIAFFE_TICK_H
 
-#include <math.h>
-#include <string.h>
-
 #include "contacts.h"
-#include "dual.c"
-#include "elastic.inc"
-#include "functions.h"
 #include "plan.h"
 
 /* What a low level returns before gains and bounds: the control that minimises the action value, the plan's control with its
@@ -38,6 +32,7 @@ struct outcome {
     int status, iterations, damped, mode, num_active;
     double excess;
     int *active;
+    double *nominal, *recorded; /* if not 0: the plan's state (nx), what the model records of the control in the world */
 };
 
 typedef void (*tick_function)(const struct low_level *, const struct plan_phase *, int, double, const double *,

@@ -14,6 +14,7 @@ from piaffe.errors import PiaffeError
 from .arguments import FAILED, REFUSED
 from .cache import cache
 from .doctor import doctor
+from .export import export
 from .mpc import mpc
 from .mppi import NamesControllers, mppi
 from .picture_commands import plot, video, view
@@ -21,7 +22,7 @@ from .problem_commands import check, describe, solve, verify
 from .reports import plain, terminal
 from .study import study
 
-COMMANDS = (describe, solve, verify, check, plot, video, view, doctor, cache, mpc, mppi, study)
+COMMANDS = (describe, solve, verify, check, plot, video, view, doctor, cache, mpc, mppi, study, export)
 
 app = typer.Typer(
     name="piaffe",

@@ -120,9 +120,10 @@ class OnlineSetup:
                 f"plans, {self.mpc.period:g} s; change one"
             )
         show("low level")
-        self._low_level(self.mpc.plan(self.problem.initial, 0.0))
+        self.low_level(self.mpc.plan(self.problem.initial, 0.0))
 
-    def _low_level(self, plan: Plan) -> LowLevel:
+    def low_level(self, plan: Plan) -> LowLevel:
+        """Return the low level of the settings for plans like this one."""
         low, pair = self.settings.low, self.settings.joint_gains
         gains = None if pair is None else JointPD(*pair)
         if low == "vwbc":
@@ -147,11 +148,17 @@ class OnlineSetup:
     def run(self, seed: int, progress: Callable[[float, float], None] | None = None) -> OnlineEpisode:
         """Return the episode of a seed, with a low level of its own; equal seeds return equal episodes."""
         self.mpc.reset()
-        low = self._low_level(self.mpc.plan(self.problem.initial, 0.0))
+        low = self.low_level(self.mpc.plan(self.problem.initial, 0.0))
+        return self.episode(self.mpc, low, seed, progress)
+
+    def episode(
+        self, planner: Any, low: Any, seed: int, progress: Callable[[float, float], None] | None = None
+    ) -> OnlineEpisode:
+        """Return the episode of a seed with another planner and low level, such as exported ones."""
         plant = self.plant(seed)
         start = self.variation.start.around(plant.model, self.problem.initial, seed)
         return run_online(
-            self.mpc, low, plant, seconds=self.settings.seconds, latency=self.latency, seed=seed, initial=start,
+            planner, low, plant, seconds=self.settings.seconds, latency=self.latency, seed=seed, initial=start,
             pushes=self.pushes, commands=self.commands, fall=self.fall, progress=progress,
         )  # fmt: skip
 

@@ -134,9 +134,7 @@ def check(
     console.print()
     print_dimensions(console, *report(compiled))
     for warning in find_warnings(compiled):
-        console.print(
-            f"[bold yellow]warning:[/] {plain(warning.where)}: {plain(warning.text)}", highlight=False, soft_wrap=True
-        )
+        console.print(f"[bold yellow]warning:[/] {plain(str(warning))}", highlight=False, soft_wrap=True)
     agreed = sum(each.agrees for each in checks)
     colour = "red" if failures else "green"
     console.print(f"[bold {colour}]{agreed} of {len(checks)} blocks of derivatives agree[/]")

@@ -7,7 +7,7 @@ import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from piaffe import __version__
@@ -49,6 +49,8 @@ class Built:
         width: doubles per vector, ``PIAFFE_W``.
         compiler: version of the compiler.
         key: digest of the library's sources, flags, compiler and processor; its name in the cache.
+        sources: what it is compiled from.
+        flags: flags of the units without their own.
     """
 
     path: Path
@@ -57,6 +59,14 @@ class Built:
     width: int
     compiler: str
     key: str
+    sources: LazySources = field(repr=False, compare=False)
+    flags: tuple[str, ...] = ()
+
+
+class LoadedLibrary(ctypes.CDLL):
+    """A loaded library, which knows how it was built."""
+
+    built: Built
 
 
 @dataclass(frozen=True)
@@ -132,7 +142,7 @@ def build(
 
     def result(entry: Entry, key: str, compiler: Compiler, built: bool) -> Built:
         seconds = time.perf_counter() - began
-        return Built(entry.library, built, seconds, recipe.width, compiler.version, key)
+        return Built(entry.library, built, seconds, recipe.width, compiler.version, key, recipe.sources, recipe.flags)
 
     for compiler in candidates():  # before any compiler is tested, because a test takes longer than this search
         key = recipe.key(compiler, cpu)
@@ -158,7 +168,7 @@ def build(
         return result(cache.store(key, library, about), key, compiler, True)
 
 
-def load(built: Built) -> ctypes.CDLL:
+def load(built: Built) -> LoadedLibrary:
     """Load a library, after a check that it is complete and built for this processor.
 
     Raises:
@@ -168,12 +178,14 @@ def load(built: Built) -> ctypes.CDLL:
         got = "a file that is damaged or was built for another processor" if built.path.exists() else "no file"
         raise SolverError(f"library '{built.path}': not loaded - got {got}, expected the built file; build it again")
     try:
-        return ctypes.CDLL(str(built.path))
+        library = LoadedLibrary(str(built.path))
     except OSError as error:
         raise SolverError(
             f"library '{built.path}': not loaded - got {error}, expected a shared library that can be executed; set "
             "PIAFFE_CACHE to a folder on a file system without 'noexec'"
         ) from error
+    library.built = built
+    return library
 
 
 def _checked_width(width: int) -> int:

@@ -37,6 +37,7 @@ from heapq import heappop, heappush
 from importlib.resources import files
 from itertools import groupby
 from math import isfinite, isnan
+from typing import Self
 
 import casadi as cs
 
@@ -60,6 +61,34 @@ _TEMPLATES = {getattr(cs, f"OP_{name.upper()}"): f"lane_{name}({{}})" for name i
     cs.OP_INV: "K(1.0) / {0}",
 }
 _OP_NAMES = {getattr(cs, name): name for name in dir(cs) if name.startswith("OP_")}
+
+
+class UnsupportedOperationError(ModelError):
+    """An operation of a function has no form in the generated code.
+
+    Args:
+        function: name of the function.
+        operation: CasADi's name of the operation.
+    """
+
+    def __init__(self, function: str, operation: str) -> None:
+        self.function, self.operation = function, operation
+        super().__init__(
+            f"function '{function}': an operation has no SIMD form - got {operation}, expected arithmetic, "
+            "comparisons, selections or functions of the C library; write the expression without it"
+        )
+
+    def __reduce__(self) -> tuple[type[Self], tuple[str, str]]:
+        return type(self), (self.function, self.operation)
+
+
+def unsupported(function: cs.Function) -> str:
+    """Return CasADi's name of an operation of a function that the generated code does not have; empty if it has all."""
+    try:
+        _single_assignment(function.name(), function)
+    except UnsupportedOperationError as error:
+        return error.operation
+    return ""
 
 
 @dataclass(frozen=True)
@@ -109,7 +138,8 @@ def generate(functions: Mapping[str, cs.Function], *, chunk: int = 500, unit: in
         Translation units and header.
 
     Raises:
-        ModelError: a function has an operation without a SIMD form, or free symbols.
+        UnsupportedOperationError: a function has an operation without a SIMD form.
+        ModelError: it has free symbols.
     """
     if chunk < 1 or unit < 1:
         raise ValueError(f"generate: sizes must be positive - got chunk={chunk}, unit={unit}, expected 1 or more")
@@ -207,10 +237,7 @@ def _single_assignment(name: str, function: cs.Function) -> _Program:
             text = template.format(", ".join(operands)) if "{}" in template else template.format(*operands)
             steps.append(_Step((value,), operands, f"const vd {value} = {text};"))
         else:
-            raise ModelError(
-                f"function '{name}': an operation has no SIMD form - got {_OP_NAMES.get(op, op)}, expected "
-                "arithmetic, comparisons, selections or functions of the C library; write the expression without it"
-            )
+            raise UnsupportedOperationError(name, _OP_NAMES.get(op, str(op)))
     return _Program(tuple(_depth_first(steps, stored)), stored, tuple(direct))
 
 

@@ -23,6 +23,7 @@ class Shown(Found):
         controls: number of ticks of the low level. limited: those with active rows.
         fallbacks: those whose program has no solution. commands: changes of commands.
         restarts: times that the motion began again.
+        adapted: plans after which rows have other numbers than at first.
     """
 
     torque: float = 0.0
@@ -31,6 +32,7 @@ class Shown(Found):
     fallbacks: int = 0
     commands: int = 0
     restarts: int = 0
+    adapted: int = 0
 
 
 def cascade(motion: ocp.Motion) -> ocp.Problem:
@@ -75,10 +77,10 @@ EPISODES = {"pieces with impacts": 1.2}
 """Time after which a motion begins again [s]."""
 
 
-def run(name: str, ticks: int, seed: int) -> Shown:
+def run(name: str, ticks: int, seed: int, barrier: solvers.Adapting | None = None) -> Shown:
     """Make ticks of a motion; raise AssertionError if C and NumPy differ, and return by how much they do."""
     rng, shown, declared = np.random.default_rng(seed), Shown(), MOTIONS[name]()
-    native = solvers.RecedingHorizon(declared, iterations=1, first_iterations=30, latency=0.013)
+    native = solvers.RecedingHorizon(declared, iterations=1, first_iterations=30, latency=0.013, barrier=barrier)
     twin = twin_of(native)
     lows: list[solvers.Vwbc] = []
     x, t, lost = np.array(declared.initial), 0.0, False
@@ -102,6 +104,8 @@ def run(name: str, ticks: int, seed: int) -> Shown:
             shown.shift = max(shown.shift, results)
         else:
             shown.iteration = max(shown.iteration, results)
+        shown.adapted += any((own.multipliers[row] != first).any() for own in expected.parts for row, first in (
+            ("end_equality", 0.0), ("relaxation", native.options.relaxation)) if own.multipliers)  # fmt: skip
         lost = is_wild(expected)  # a robot with one iteration, and some without, may fall
         make_equal(native, got, twin, expected)
         if not lows:

@@ -14,6 +14,8 @@ from .horizon_numbers import compare_numbers
 from .schedules import Rng, kinds, own_problem, robot_problem
 from .twins import compare, is_wild, make_equal, stop_at_once, twin_of
 
+BARRIERS = (None, solvers.Adapting(), solvers.Adapting(min_weight=0.005, max_stiffness=1e4, max_defect=1e3))
+
 
 def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | None = None, cycles: int = 12) -> None:
     """Make a random problem, and check it; raise AssertionError with the seed if something differs.
@@ -32,7 +34,9 @@ def random_case(seed: int, found: Found, *, robot: bool = False, kind: str | Non
     period = steps * declared.schedule.segments[0].dt
     latency = float(rng.choice([0.0, 0.0, 0.7 * declared.schedule.segments[0].dt, period]))
     try:
-        mpc = solvers.RecedingHorizon(declared, period=period, latency=latency, first_iterations=1, iterations=1)
+        mpc = solvers.RecedingHorizon(
+            declared, period=period, latency=latency, first_iterations=1, iterations=1, barrier=BARRIERS[seed % 3]
+        )
     except PiaffeError as error:
         assert_form(error, seed)
         found.refused += 1

@@ -2,6 +2,8 @@
 
 import pytest
 
+from piaffe import solvers
+
 from .found import Found
 from .many_ticks import MOTIONS, run
 from .random_ticks import random_case
@@ -12,6 +14,8 @@ ROBOTS = 50
 """One random schedule in so many is a robot's."""
 TICKS = 1000
 """Random ticks of the slow test, of each motion."""
+
+ADAPTING = solvers.Adapting(min_weight=0.005, max_defect=10.0)
 
 
 def check(seeds: range, cycles: int) -> Found:
@@ -34,6 +38,19 @@ def test_ten_thousand_random_schedules_shifted_by_random_times():
     assert found.compiled > COUNT
     assert found.ticks > 2 * COUNT
     assert found.wild < COUNT
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_random_ticks_with_an_adapting_barrier_in_c_equal_those_in_numpy(name):
+    shown = run(name, 40, seed=1, barrier=ADAPTING)
+    assert shown.adapted > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_thousand_random_ticks_with_an_adapting_barrier_in_c_equal_those_in_numpy(name):
+    shown = run(name, TICKS, seed=2, barrier=ADAPTING)
+    assert shown.adapted > TICKS / 4
 
 
 @pytest.mark.parametrize("name", MOTIONS)

@@ -105,12 +105,18 @@ def test_a_landing_that_is_due_now_begins_the_next_phase():
     assert np.allclose(plan.parts[0].states[0], body.impact(plan.local(x), "FL FR HL HR"), atol=1e-9)
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.013])
-def test_clocks_in_c_equal_those_in_numpy(latency):
+@pytest.mark.parametrize(("latency", "barrier"), [(0.0, None), (0.013, None), (0.0, solvers.Adapting(max_defect=10.0))])
+def test_clocks_in_c_equal_those_in_numpy(latency, barrier):
     retiming = solvers.Retiming(limit=0.05, gain=0.7)
     both = [
         solvers.RecedingHorizon(
-            hop(), iterations=1, latency=latency, first_iterations=6, backend=backend, retiming=retiming
+            hop(),
+            iterations=1,
+            latency=latency,
+            first_iterations=6,
+            backend=backend,
+            retiming=retiming,
+            barrier=barrier,
         )
         for backend in ("native", "numpy")
     ]

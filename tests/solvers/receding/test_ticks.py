@@ -72,6 +72,11 @@ def assert_same(got, expected, tolerance):
             scale = tolerance * (1 + np.abs(b).max(initial=0.0)) if name in RESULTS else 1e-9
             assert a.shape == b.shape
             assert np.abs(a - b).max(initial=0.0) < scale, (own.name, name)
+        assert own.multipliers.keys() == other.multipliers.keys()
+        for name, b in other.multipliers.items():
+            scale = tolerance * (1 + np.abs(b).max(initial=0.0))
+            assert np.abs(own.multipliers[name] - b).max(initial=0.0) < scale, (own.name, name)
+    assert got.barrier_weight == expected.barrier_weight
 
 
 def ahead(plan, t, rng, noise):
@@ -86,6 +91,9 @@ def make_equal(native, got, numpy, expected):
     """Give the next tick in C the inputs of the one in NumPy; without this, rounding errors grow from tick to tick."""
     for own, other in zip(got.parts, expected.parts, strict=True):
         own.states[:], own.controls[:], own.feedback[:] = other.states, other.controls, other.feedback
+        for name, values in own.multipliers.items():
+            values[:] = other.multipliers[name]
+    native._native.memory.c.last_equality = numpy._numpy.outer.last_equality
     memory = numpy._numpy.course.memory
     native._native.memory.memory[: memory.size] = memory
 
@@ -98,12 +106,17 @@ MOTIONS = {
 }
 
 
-@pytest.mark.parametrize("latency", [0.0, 0.013])
+ADAPTING = solvers.Adapting(min_weight=0.005, max_defect=10.0)
+
+
+@pytest.mark.parametrize(("latency", "barrier"), [(0.0, None), (0.013, None), (0.013, ADAPTING)])
 @pytest.mark.parametrize("name", MOTIONS)
-def test_ticks_in_c_equal_those_in_numpy(name, latency):
+def test_ticks_in_c_equal_those_in_numpy(name, latency, barrier):
     declared = problem(MOTIONS[name]())
     both = [
-        solvers.RecedingHorizon(declared, iterations=1, latency=latency, first_iterations=6, backend=backend)
+        solvers.RecedingHorizon(
+            declared, iterations=1, latency=latency, first_iterations=6, backend=backend, barrier=barrier
+        )
         for backend in ("native", "numpy")
     ]
     rng = np.random.default_rng(len(name))

@@ -1,6 +1,7 @@
 /* The interface between the solver, the modes and Python. Sizes are those of the compiled problem; the caller owns all memory. */
 #ifndef PIAFFE_H
 #define PIAFFE_H
+#include <stdatomic.h>
 #include <stddef.h>
 #include "constants.h"
 #include "simd.h"
@@ -19,13 +20,14 @@ typedef struct {
     double *z0, *residual0, *g0, *h0;       /* values at the accepted iterate */
     double *factors, *factors0;             /* factors of the implicit part's matrix at the trial and the accepted iterate */
     double *relaxation, *shift, *multiplier, *penalty;
+    double *work;                           /* of the functions, (num_work) of the largest mode or transition; all blocks and phases may share it */
 } Block;
 
 struct Phase;
 
 /* One mode: its sizes, and functions that are compiled with these sizes as constants. */
 typedef struct {
-    int nx, ndx, nu, nz, nf, num_finish, np, nr, ng, nh, mr, mg, mh;
+    int nx, ndx, nu, nz, nf, num_finish, num_work, np, nr, ng, nh, mr, mg, mh;
     int num_parts;                          /* parts of the state: */
     const int *part_size, *part_is_rotation; /* size in the tangent; 1 for a quaternion */
     void (*values)(const Block *b, const double *const *x, const double *const *u, double *const *x_next);
@@ -44,7 +46,7 @@ typedef struct {
 /* The change of the state between two phases. Its rows (on impulses) are rows of the last node, after the mode's; lq adds their
  * gradient and Hessian to those of the mode. */
 typedef struct {
-    int nx, ndx, nx_next, ndx_next, nz, nf, np, nr, ng, nh;
+    int nx, ndx, nx_next, ndx_next, nz, nf, num_work, np, nr, ng, nh;
     void (*values)(const Block *b, const double *const *x, double *const *x_next);
     void (*lq)(const Block *b, const double *const *x, const double *const *xn, const double *slope,
                const double *curvature, double *const *P, double *const *grad, double *const *H);
@@ -68,7 +70,8 @@ typedef struct Phase {
     double *dx, *du;                        /* step */
     double *k, *K;                          /* (N, nu), (N, nu, ndx) */
     double *V_x, *V_xx;                     /* (N+1, ndx), (N+1, ndx, ndx) */
-    double *Q_x, *Q_u, *Q_xx, *Q_ux, *Q_uu;
+    double *Q_x, *Q_u, *Q_xx, *Q_ux, *Q_uu; /* Q_x and Q_xx may be NULL, if nobody reads them */
+    double *work;                           /* of the sweep, see Block */
     const unsigned char *shooting;          /* (N+1): 0 for roll-out nodes, whose states follow from the dynamics; NULL: none */
     int keep;                               /* whether the sweep stores Q and all V_xx, not only that of node 0 */
     struct Phase *next;
@@ -105,8 +108,8 @@ typedef struct Problem {
     const double *initial;
     Options options;
     Record *history;                        /* (max_iterations) */
-    volatile int num_records;               /* written after the record, so that a reader sees complete records */
-    volatile int cancel;                    /* another thread sets it to stop the solve */
+    _Atomic int num_records;                /* written after the record, so that a reader sees complete records */
+    _Atomic int cancel;                     /* another thread sets it to stop the solve */
     int cleared;                            /* whether the constant zeros of D, H, end_H, P are set; 0 after each new layout */
     double *slope, *curvature;              /* work arrays like those of a block: rows of the largest mode times W */
     /* state of a solve */
@@ -116,6 +119,8 @@ typedef struct Problem {
     double began;                           /* when the solve did, on its clock [s] */
     int resume_converged;
     int inner, unmoved, has_last_cost, has_inequalities, num_gains, blocked; /* blocked: whether a trial since the previous iterate was not finite */
+    double (*clock)(void *);                /* seconds; 0: that of the system */
+    void *clock_data;
     double gains[PATIENCE];                 /* what the last steps of the sub-problem gained, in turn */
 } Problem;
 
@@ -124,6 +129,10 @@ typedef struct Problem {
  * last_cost. If resumed is 2: also rho, least_rho, regularization_now, last_step, last_equality, last_violation, inner, unmoved,
  * gains, num_gains and the resume_ fields. Everything else may be of any other solve. */
 int piaffe_solve(Problem *problem, int resumed);
+/* The clock of a problem [s]. */
+double piaffe_now(const Problem *problem);
 int piaffe_policy(Problem *problem);
+/* After a solve that did not adapt; the caller has set last_equality. */
+void piaffe_adapt(Problem *problem, int status, double largest_defect);
 double piaffe_merit(Problem *problem);
 #endif

@@ -7,6 +7,7 @@
 #include <time.h>
 
 #include "piaffe.h"
+#include "sizes.h"
 
 #include "manifold.inc"
 #include "barrier.inc"
@@ -66,7 +67,7 @@ int piaffe_solve(Problem *pr, int resumed)
 {
     const Options *o = &pr->options;
     double dV[2];
-    pr->began = now();
+    pr->began = piaffe_now(pr);
     if (!resumed) pr->weight = o->barrier_weight, pr->has_last_cost = 0;
     if (resumed < 2) begin_search(pr);
     pr->num_records = pr->blocked = 0;
@@ -84,7 +85,7 @@ int piaffe_solve(Problem *pr, int resumed)
     }
     linearise(pr);
     for (;;) {
-        if (pr->cancel) return INTERRUPTED;
+        if (atomic_load_explicit(&pr->cancel, memory_order_relaxed)) return INTERRUPTED;
         note(pr, &at);
         if (!direction(pr, dV)) return failure(pr);
         double tolerance = o->cost_tolerance * (1 + fabs(at.cost));
@@ -111,13 +112,26 @@ int piaffe_solve(Problem *pr, int resumed)
         note(pr, &at);
         pr->history[pr->num_records] = (Record){
             pr->num_records + 1, at.cost, augmented_of_accepted(pr) + pr->rho * at.gap, -(dV[0] + 0.5 * dV[1]),
-            at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, now() - pr->began,
+            at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, piaffe_now(pr) - pr->began,
         };
-        __sync_synchronize();
-        pr->num_records++;
+        atomic_store_explicit(&pr->num_records, pr->num_records + 1, memory_order_release);
         if (pr->regularization_now > o->max_regularization) return failure(pr);
         if (size > 0.0) linearise(pr);
     }
+}
+
+/* After a solve that did not adapt: sets the barrier, multipliers and penalties of the next one, as between two sub-problems;
+ * between.py. */
+void piaffe_adapt(Problem *pr, int status, double largest_defect)
+{
+    const Options *o = &pr->options;
+    const Sums at = {.max_h = pr->max_equality, .max_g = pr->max_inequality};
+    if (status != STATIONARY) {
+        const int met = at.max_h <= o->max_equality && at.max_g <= o->max_inequality;
+        const int moved = (status == ITERATION_LIMIT || status == TIME_LIMIT) && pr->num_records > 0;
+        if (!moved || pr->max_defect >= largest_defect || (met && near_gap(pr) <= allowed(pr))) return;
+    }
+    update(pr, &at, status == STATIONARY);
 }
 
 /* The merit of the accepted iterate, with the barrier and multipliers as they are now. */

@@ -1,0 +1,120 @@
+"""Warnings about what a motion asks of the ground: standing feet at its start, long flights, far keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator
+from itertools import islice
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from piaffe.ocp import Path, PlacedPhase, ProblemWarning, Sample, placed_phases
+
+from .quantities import base, joints
+from .robot import Robot, to_pinocchio
+from .stance import Stance
+from .terrain import Terrain
+
+Array = NDArray[np.float64]
+
+OFF_GROUND = 0.02
+"""Largest distance of a standing foot from the ground in the initial state without a warning [m]."""
+LONG_FLIGHT = 1.0
+"""Longest time without contact that gives no warning [s]; a robot falls 1.2 m in the second half of it."""
+FAST = 3.0
+"""Largest speed between keyframes without a warning, in units of sqrt(g h), with the height h of the stand pose."""
+
+
+def ground_warnings(
+    robot: Robot, terrain: Terrain, resolve: Callable[[Hashable], Stance], path: Path
+) -> Iterator[ProblemWarning]:
+    """Yield warnings about a motion.
+
+    Args:
+        robot: the robot.
+        terrain: the ground.
+        resolve: function that returns the feet on the ground in a phase's mode.
+        path: the motion's path.
+    """
+    count = sum(len(piece.phases) for piece in path.pieces)
+    phases = list(islice(placed_phases(path.pieces), count))
+    yield from _start(robot, terrain, resolve, path, phases[0])
+    yield from _flights(resolve, phases)
+    yield from _speeds(robot, path, phases)
+
+
+def fastest(robot: Robot) -> float:
+    """Return the speed of the base above which targets are reported [m/s]."""
+    return FAST * float(np.sqrt(9.81 * robot.base_height("stand")))
+
+
+def _start(
+    robot: Robot, terrain: Terrain, resolve: Callable[[Hashable], Stance], path: Path, first: PlacedPhase
+) -> Iterator[ProblemWarning]:
+    """Yield the feet that stand in the first phase but are not on the ground in the initial state."""
+    start: Sample = getattr(path.placed[0].reference, "start", {})
+    if not all(quantity in start for quantity in (base.position, base.orientation, joints.position)):
+        return
+    data, nv = robot.model.createData(), robot.num_joints + 6
+    parts = [np.asarray(start[quantity]) for quantity in (base.position, base.orientation, joints.position)]
+    pin.framesForwardKinematics(robot.model, data, to_pinocchio(np.concatenate([*parts, np.zeros(nv)]))[0])
+    places = {
+        name: data.oMf[robot.frame_id(robot.foot(name).frame)].translation for name in resolve(first.phase.mode).feet
+    }
+    above = {
+        name: float(at[2] - np.ravel(terrain.height(np.array([at[0]]), np.array([at[1]])))[0]) - robot.foot_radius
+        for name, at in places.items()
+    }
+    off = {name: height for name, height in above.items() if abs(height) > OFF_GROUND}
+    if off:
+        got = ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
+        yield ProblemWarning(
+            f"phase '{first.phase.name}' ({first.phase.source}), initial state",
+            f"standing foot is not on the ground - got {got}, expected within {OFF_GROUND} m; build the initial state "
+            f"of '{robot.name}' with the model's state(joints=...), or begin with a flight",
+            first.phase.source,
+        )
+
+
+def _flights(resolve: Callable[[Hashable], Stance], phases: list[PlacedPhase]) -> Iterator[ProblemWarning]:
+    """Yield the first phase of each flight that is longer than ``LONG_FLIGHT``."""
+    began: PlacedPhase | None = None
+    for placed, following in zip(phases, [*phases[1:], None], strict=True):
+        if resolve(placed.phase.mode).feet:
+            began = None
+            continue
+        began = began or placed
+        ends = following is None or bool(resolve(following.phase.mode).feet)
+        length = placed.end - began.start
+        if ends and length > LONG_FLIGHT:
+            rise = 9.81 * length**2 / 8
+            yield ProblemWarning(
+                f"phase '{began.phase.name}' ({began.phase.source})",
+                f"the flight is long - got {length:g} s without contact, in which a body must rise by {rise:.2f} m, "
+                f"expected at most {LONG_FLIGHT:g} s; give seconds, or put feet on the ground",
+                began.phase.source,
+            )
+
+
+def _speeds(robot: Robot, path: Path, phases: list[PlacedPhase]) -> Iterator[ProblemWarning]:
+    """Yield keyframes that the base reaches only at more than ``FAST`` times sqrt(g h)."""
+    height, limit = robot.base_height("stand"), fastest(robot)
+    for placed in phases:
+        target = placed.phase.target
+        if target is None or not {"position", base.position.path} & set(target.values):
+            continue
+        before = path.interval_before(placed.start) if placed.start > 0 else placed
+        start, end = path.sample(placed.start, before), path.sample(placed.end, placed)
+        if base.position not in start or base.position not in end:
+            continue
+        way = float(np.linalg.norm(np.asarray(end[base.position]) - np.asarray(start[base.position])))
+        speed = way / placed.phase.duration
+        if speed > limit:
+            yield ProblemWarning(
+                f"phase '{placed.phase.name}' ({placed.phase.source}), keyframe",
+                f"the base is far from the keyframe before - got {way:.3g} m in {placed.phase.duration:g} s, "
+                f"{speed:.3g} m/s, expected at most {limit:.3g} m/s, {FAST:g} sqrt(g h) of '{robot.name}' at "
+                f"h = {height:.3g} m; give metres and seconds, or add phases",
+                placed.phase.source,
+            )

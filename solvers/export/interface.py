@@ -1,0 +1,92 @@
+"""The parts of a controller's interface that depend on its motion and model, as C and Python."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .layout import Layout
+
+
+def numbers(values: Any) -> str:
+    """Return numbers as C."""
+    texts = {np.inf: "INFINITY", -np.inf: "-INFINITY"}
+    return ", ".join(texts.get(float(each), repr(float(each))) for each in values)
+
+
+def constants(layout: Layout, iterations: int) -> str:
+    """Return sizes and places as C."""
+    lines = [
+        f"NAME_NX = {len(layout.state)}, /* state */", f"NAME_NU = {len(layout.control)}, /* torques */",
+        f"NAME_JOINT_POSITION = {layout.positions}, /* place of the joints' angles in the state */",
+        f"NAME_JOINT_VELOCITY = {layout.speeds}, /* place of the joints' speeds in the state */",
+        f"NAME_MOST_ITERATIONS = {iterations} /* of a plan */",
+    ]  # fmt: skip
+    return "enum {\n" + "".join(f"    {line}\n" for line in lines) + "};"
+
+
+def commands(layout: Layout) -> str:
+    """Return the structure of the commands as C."""
+    names = list(layout.commands)
+    bits = ", ".join(f"NAME_{name.upper()} = {1 << i}" for i, name in enumerate(names))
+    fields = "".join(f"    double {name};\n" for name in names)
+    enum = f"enum {{ {bits} }};\n" if names else ""
+    told = f"typedef struct {{\n    unsigned set;\n{fields}}} NAME_commands;"
+    return f"/* Commands. Those whose bit is in `set` change. */\n{enum}{told}"
+
+
+def command_code(layout: Layout) -> str:
+    """Return the function that takes commands, as C."""
+    lines = []
+    for name in layout.commands:
+        places = "".join(f" wanted[{at}] = commands->{name};" for at in layout.places[name])
+        lines.append(
+            f"    if (commands->set & NAME_{name.upper()}) {{\n"
+            f"        if (!isfinite(commands->{name})) return NAME_BAD_COMMAND;\n       {places}\n    }}\n"
+        )
+    return (
+        "int NAME_command(NAME *c, const NAME_commands *commands)\n{\n"
+        "    if (!c || !commands) return NAME_BAD_ARGUMENT;\n"
+        f"    if (commands->set & ~{(1 << len(layout.commands)) - 1}u) return NAME_BAD_COMMAND;\n"
+        "    double wanted[NUM_COMMANDS + 1];\n    memcpy(wanted, c->wanted, sizeof wanted);\n"
+        f"{''.join(lines)}"
+        "    memcpy(c->wanted, wanted, sizeof wanted);\n"
+        "    memcpy(c->told[c->commands.back], wanted, sizeof wanted);\n    hand_over(&c->commands);\n"
+        "    return NAME_OK;\n}"
+    )
+
+
+def fuzz_commands(layout: Layout) -> str:
+    """Return statements that draw commands at random, as C."""
+    return "".join(
+        f"    commands.{name} = uniform(r) < 0.95 ? 4.0 * uniform(r) - 2.0 : uniform(r) < 0.5 ? NAN : 1e9;\n"
+        for name in layout.commands
+    )
+
+
+def outputs(layout: Layout) -> dict[str, str]:
+    """Return the fields of an output that the model records, in C and Python, and the code that writes them."""
+    declared, code, python, at = [], [], [], 0
+    for path, unit, size in layout.recorded:
+        field = path.replace(".", "_")
+        declared.append(f"    double {field}[{size}]; /* {path} at these torques, world [{unit}]; 0 if damped */")
+        code.append(f"    memcpy(out->{field}, did->recorded + {at}, sizeof out->{field});\n")
+        python.append(f'("{field}", ct.c_double * {size}), ')
+        at += size
+    return {"RECORDED": "\n".join(declared), "RECORDED_CODE": "".join(code), "RECORDED_PYTHON": "".join(python)}
+
+
+def contacts(measured: int) -> dict[str, str]:
+    """Return the function that takes measured contact flags, if the low level measures contacts."""
+    if not measured:
+        return {"CONTACTS": "", "CONTACTS_CODE": ""}
+    head = f"int NAME_contacts(NAME *{{}}, const double flags[{measured}])"
+    told = "/* Which feet are on the ground, 1 or 0, for the next tick. The tick's thread. */\n"
+    body = f"    memcpy(c->memory.readings, flags, sizeof(double) * {measured});\n"
+    return {
+        "CONTACTS": f"{told}{head.format('controller')};\n",
+        "CONTACTS_CODE": (
+            f"{head.format('c')}\n{{\n    if (!c || !flags) return NAME_BAD_ARGUMENT;\n{body}    return NAME_OK;\n}}\n"
+        ),
+    }  # fmt: skip

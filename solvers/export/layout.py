@@ -1,0 +1,86 @@
+"""Sizes, orders and limits of a controller, for its header and its README."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from piaffe.errors import SolverError
+from piaffe.ocp import LoweredMode
+
+from ..receding import Plan, RecedingHorizon
+from ..tracking import LowLevel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a caller of a controller has to know of its numbers.
+
+    Args:
+        state: name and unit of each entry of a state.
+        control: names of the controls.
+        positions: place of the joints' angles in the state.
+        speeds: place of the joints' speeds in the state.
+        recorded: per quantity that the model records, its path, unit and size.
+        lower: of the controls.
+        upper: of the controls.
+        commands: names of the commands, and their declared values.
+        places: per command, its places among the commands of all pieces.
+    """
+
+    state: tuple[tuple[str, str], ...]
+    control: tuple[str, ...]
+    positions: int
+    speeds: int
+    recorded: tuple[tuple[str, str, int], ...]
+    lower: Array
+    upper: Array
+    commands: dict[str, float]
+    places: dict[str, tuple[int, ...]]
+
+
+def layout_of(mpc: RecedingHorizon, low: LowLevel, plan: Plan) -> Layout:
+    """Return the layout of a controller.
+
+    Args:
+        mpc: the planner.
+        low: the low level.
+        plan: a plan of the planner; the limits of its first stage hold where there is no plan.
+
+    Raises:
+        SolverError: the state has no speeds of the controls.
+    """
+    phase = plan.phases[0]
+    mode: LoweredMode = phase.mode
+    state = tuple(
+        (f"{block.quantity.path} {label}", block.quantity.unit)
+        for block in mode.state.blocks
+        for label in (("w", *block.labels) if block.quantity.kind == "rotation" else block.labels)
+    )
+    labels = tuple(label for block in mode.model.control.blocks for label in block.labels)
+    positions = speeds = -1
+    for block in mode.state.blocks:
+        if block.rate_of is not None and block.labels == labels:
+            speeds = mode.state.slices[block.quantity].start
+            positions = mode.state.slices[block.rate_of].start
+    if speeds < 0:
+        raise SolverError(
+            f"export: there are no speeds to damp - got model '{mode.model.name}', whose state has no speeds of its "
+            "controls, expected joints; export a problem whose first model has joints"
+        )
+    recorded = tuple((quantity.path, quantity.unit, size) for quantity, size in mode.outputs)
+    lower, upper = low.rows[mode].limits(phase.states[0], phase.p[0], phase.g_mask[0])
+    places: dict[str, list[int]] = {}
+    at = 0
+    for piece in mpc.horizon.courses.pieces:
+        for name in piece.functions.commands if piece.functions is not None else ():
+            places.setdefault(name, []).append(at)
+            at += 1
+    return Layout(
+        state, labels, positions, speeds, recorded, lower, upper, dict(mpc.horizon.commands),
+        {name: tuple(own) for name, own in places.items()},
+    )  # fmt: skip

@@ -1,0 +1,33 @@
+"""README.md of an exported controller: its orders and units, rates, limits, and how to call it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+
+from .layout import Layout
+
+
+def readme(layout: Layout, values: Mapping[str, object]) -> str:
+    """Return the text.
+
+    Args:
+        layout: of the controller.
+        values: what the template names.
+    """
+    text = files(__package__).joinpath("template", "README.md").read_text(encoding="utf-8")
+    state = "".join(f"| {i} | {label} | {unit or '1'} |\n" for i, (label, unit) in enumerate(layout.state))
+    limits = zip(layout.control, layout.lower, layout.upper, strict=True)
+    torques = "".join(f"| {i} | {name} | {low:g} to {high:g} |\n" for i, (name, low, high) in enumerate(limits))
+    recorded = "".join(
+        f"* `{path.replace('.', '_')}[{size}]`: {path} [{unit}] in the world, of these torques.\n"
+        for path, unit, size in layout.recorded
+    )
+    commands = "".join(f"| `{name}` | {value:g} |\n" for name, value in layout.commands.items())
+    own = {
+        "STATE": state, "TORQUES": torques, "RECORDED_WORDS": recorded,
+        "COMMAND_WORDS": f"| command | declared |\n|---|---|\n{commands}" if commands else "This motion has none.\n",
+    }  # fmt: skip
+    for key, value in {**own, **values}.items():
+        text = text.replace(f"@{key}@", str(value).rstrip("\n") if key in own else str(value))
+    return text

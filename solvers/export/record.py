@@ -1,0 +1,135 @@
+"""The record of a closed loop, with which an exported controller is compared: what went in, and what came out."""
+
+from __future__ import annotations
+
+import struct
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..receding import HEADER, NUM_FIGURES, PART, Plan, RecedingHorizon, RecedingMemory
+from ..tracking import LowLevel
+
+Array = NDArray[np.float64]
+
+MAGIC = b"PIAFFE-1"
+PLAN, TICK, END = 1, 2, 0
+_MEASURED, _SHIFT = 11, 14  # figures that are times of the machine lie between them
+_SEGMENT, _MODE, _STAGES, _LINK, _AT = 0, 3, 4, 6, 9  # of a part's header
+
+
+class Recorder:
+    """A planner and a low level that record what they are given and what they return; ``run_online`` takes them.
+
+    Args:
+        mpc: the planner.
+        low: the low level.
+        plan_numbers: size of a plan of the exported controller.
+    """
+
+    def __init__(self, mpc: RecedingHorizon, low: LowLevel, plan_numbers: int) -> None:
+        assert mpc.compiled is not None  # it has been exported
+        self._mpc, self._low, self._plan_numbers = mpc, low, plan_numbers
+        self._stages = ceil((mpc.period + mpc.latency) / mpc.horizon.dt) + 1
+        """Stages that act or predict a state; of later ones, states and controls are recorded."""
+        self._memory: RecedingMemory = mpc.compiled.memory
+        self.period, self.initial = mpc.period, mpc.initial
+        self._parts: list[bytes] = []
+        self.plans = self.ticks = 0
+
+    # ---- planner and low level
+
+    def reset(self) -> None:
+        """Forget the last plan and the record."""
+        self._mpc.reset()
+        self._parts.clear()
+        self.plans = self.ticks = 0
+
+    def command(self, **values: float) -> None:
+        """Set commands."""
+        self._mpc.command(**values)
+
+    def plan(self, x: Array, t: float) -> Plan:
+        """Return a plan, and record it."""
+        before = self._planner()
+        plan = self._mpc.plan(x, t)
+        told = self._memory.tables.commands
+        memory = plan.parts.memory  # type: ignore[attr-defined]  # a tick in C has made it
+        header, ranges = self._lean(memory.header)
+        self._write(PLAN, np.array([t]), x, told, before, header)
+        for first, place, count in ranges:
+            self._write(place, count)
+            self._parts.append(memory.numbers[first : first + count].tobytes())
+        self._write(-1)
+        self.plans += 1
+        return plan
+
+    def follow(self, plan: Plan) -> None:
+        """Follow a plan."""
+        self._low.follow(plan)
+
+    def control(self, x: Array, t: float) -> Array:
+        """Return the control of a measured state, and record it."""
+        u = self._low.control(x, t)
+        self._write(TICK, np.array([t]), x, u)
+        self.ticks += 1
+        return u
+
+    # ---- the file
+
+    def file(self) -> bytes:
+        """Return the record as a file for ``examples/main.c``."""
+        first, memory = self._mpc.horizon.models[0], self._memory
+        sizes = (
+            first.state.nx, first.control.nx, len(memory.tables.commands), len(self._planner()), memory.plan_entries,
+            self._plan_numbers, memory.width, self.plans, self.ticks,
+        )  # fmt: skip
+        return b"".join([MAGIC, struct.pack(f"<{len(sizes)}q", *sizes), *self._parts, struct.pack("<q", END)])
+
+    def _write(self, *values: int | Array | NDArray[np.int64]) -> None:
+        for value in values:
+            self._parts.append(
+                struct.pack("<q", value) if isinstance(value, int) else np.ascontiguousarray(value).tobytes()
+            )
+
+    def _planner(self) -> Array:
+        """Return what a plan depends on beside the plan before; ``main.c`` has the same order."""
+        c = self._memory.c
+        course, clock = c.course, c.clock
+        return np.array([
+            c.has_plan, c.began, course.tick, course.place.entry, course.place.number, course.place.start,
+            *course.anchor, *course.moved, *course.frame, clock.shift, clock.base, clock.flight, clock.late,
+            c.last_equality, *self._memory.memory,
+        ], dtype=float)  # fmt: skip
+
+    def _lean(self, header: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[tuple[int, int, int]]]:
+        """Return the header of a plan without what no low level reads, and what is recorded of its numbers.
+
+        The latter are ranges: where they are, where they are in the plan without the rest, and how many numbers.
+        """
+        own, at = header.copy(), NUM_FIGURES
+        ranges = [(0, 0, _MEASURED), (_SHIFT, _SHIFT, NUM_FIGURES - _SHIFT)]
+        memory = self._memory
+        for i in range(int(header[0])):
+            part = header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
+            mode, n = memory.modes[part[_MODE]], part[_STAGES]
+            nx, ndx, nu = mode.state.nx, mode.state.ndx, mode.nu
+            after = None if part[_LINK] < 0 else memory.links[part[_LINK]]
+            link = 0 if after is None else after.layout.size
+            stage = [len(mode.rows[f"stage_{kind}"]) for kind in "gh"]
+            ends = [len(mode.rows[f"terminal_{k}"]) + (0 if after is None else len(after.rows[k])) for k in "gh"]
+            rows = [n * stage[0]] * 2 + [n * stage[1]] * 2 + [ends[0]] * 2 + [ends[1]] * 2
+            kept = rows if memory.c.adapt_below > 0 else [0] * len(rows)  # of an adapting barrier
+            few = min(n, self._stages) if part[_SEGMENT] == 0 else 0
+            every = (
+                nu, nu * ndx, 0, nu, 0, nu * ndx, nu * nu, mode.layout.size, *stage,
+            )  # fmt: skip
+            sizes = [n + 1, (n + 1) * nx, n * nu, *(n * size for size in every), link, *kept]
+            counts = [n + 1, (n + 1) * nx, n * nu, *(few * size for size in every), link, *kept]
+            for j, (size, count) in enumerate(zip(sizes, counts, strict=True)):
+                own[HEADER + i * PART + _AT + j] = at
+                if count:
+                    ranges.append((part[_AT + j], at, count))
+                at += (size + 7) // 8 * 8
+        return own, ranges

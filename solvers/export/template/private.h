@@ -1,0 +1,39 @@
+/* What a controller is made of. */
+#ifndef PIAFFE_PRIVATE_H
+#define PIAFFE_PRIVATE_H
+
+#include "NAME.h"
+#include "handover.h"
+#include "memory.h"
+
+enum { NUM_ENTRIES = @NUM_ENTRIES@, NUM_NUMBERS = @NUM_NUMBERS@, NUM_PHASES = @NUM_PHASES@, NUM_COMMANDS = @NUM_COMMANDS@ };
+
+/* Memory of a plan. */
+struct place {
+    _Alignas(64) double numbers[NUM_NUMBERS];
+    long header[NUM_ENTRIES];
+    struct plan_phase phases[NUM_PHASES];
+    struct plan view;
+    Plan plan;
+};
+
+struct NAME {
+    struct memory memory;
+    struct place places[PLACES];
+    NAME_options options;
+    struct handover plans;
+    /* commands */
+    struct handover commands;
+    double told[PLACES][NUM_COMMANDS + 1];
+    double wanted[NUM_COMMANDS + 1]; /* of the command thread */
+    /* of the plan thread */
+    double planned_at;
+    /* of the tick thread */
+    double now;
+    int ready, waits, latched; /* a plan acts; one waits for its start */
+};
+
+/* Forgets plans, commands and faults. */
+void NAME_forget(NAME *c);
+void piaffe_tick(const struct low_level *low, const double *x, double t, double *control, struct outcome *out);
+#endif

@@ -1,0 +1,97 @@
+"""Builds of an exported controller for other processors, and under sanitizers."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from piaffe import simulation, solvers
+from tests.solvers.export.conftest import WARNINGS, Trot, vwbc
+
+pytestmark = pytest.mark.slow
+QEMU = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
+"""Debian: apt install qemu-user-static."""
+
+
+def digest(output: str) -> str:
+    found = re.search(r"digest of all numbers: (\w+)", output)
+    assert found is not None, output
+    return found[1]
+
+
+def checked(trot: Trot, *words: str) -> str:
+    done = trot.make("-j2", *words, "check")
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    assert done.stdout.rstrip().splitlines()[-1].startswith(("passed", "make"))
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    "words", [("ARCH=", "W=1"), ("ARCH=", "W=2"), ("ARCH=", "W=4"), ("W=8",), ("CFLAGS=-DNDEBUG -fno-inline",)]
+)
+def test_other_flags_and_widths_pass_the_check(trot: Trot, words: tuple[str, ...]) -> None:
+    assert "passed" in checked(trot, "BUILD=other", *words)
+    assert trot.make("BUILD=other", "clean").returncode == 0
+
+
+def test_reproducible_builds_compute_the_same_bits(trot: Trot) -> None:
+    words = ("REPRODUCIBLE=1", f"CFLAGS={WARNINGS}")
+    builds = (("W=2", "ARCH="), ("W=4", "ARCH=native"))
+    digests = {digest(checked(trot, f"BUILD=same{i}", *build, *words)) for i, build in enumerate(builds)}
+    assert len(digests) == 1
+    assert digests != {digest(checked(trot))}
+
+
+@pytest.mark.skipif(QEMU is None or find_spec("ziglang") is None, reason="needs qemu-user and ziglang")
+def test_aarch64_computes_the_same_bits(trot: Trot) -> None:
+    zig = shlex.join([sys.executable, "-m", "ziglang"])
+    cross = (
+        f"CC={zig} cc -target aarch64-linux-musl -fno-sanitize=undefined -g0", f"AR={zig} ar", "LDFLAGS=-static",
+        f"RUN={QEMU}",
+    )  # fmt: skip
+    here = digest(checked(trot, "BUILD=same", "REPRODUCIBLE=1", "ARCH=", "W=2"))
+    assert digest(checked(trot, "BUILD=arm", "REPRODUCIBLE=1", "ARCH=", "W=2", *cross)) == here
+
+
+@pytest.mark.parametrize("target", ["sanitize", "threads"])
+def test_random_ticks_under_sanitizers(trot: Trot, target: str) -> None:
+    done = trot.make("-j2", target, "FUZZ=5000")
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    assert " 0 wrong outputs" in done.stdout
+
+
+def test_threads_run_against_the_clock(trot: Trot) -> None:
+    assert trot.make("build/loop").returncode == 0
+    done = trot.make("loop")
+    assert done.returncode == 0
+    assert " 0 faults" in done.stdout
+
+
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
+def test_cppcheck_finds_nothing(trot: Trot) -> None:
+    done = trot.make("cppcheck")
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+@pytest.mark.parametrize("kind", ["adapting barrier", "riccati", "latency and retiming"])
+def test_other_planners_and_low_levels_pass_the_check(trot: Trot, tmp_path: Path, kind: str) -> None:
+    options: dict[str, Any] = {
+        "adapting barrier": {"barrier": solvers.Adapting()}, "riccati": {},
+        "latency and retiming": {"latency": 0.01, "retiming": solvers.Retiming()},
+    }[kind]  # fmt: skip
+    exported = solvers.export_controller(
+        trot.exported.mpc.problem, tmp_path, name="other", options=options,
+        low=solvers.Riccati if kind == "riccati" else vwbc,
+    )  # fmt: skip
+    recorder = exported.recorder()
+    simulation.run_online(recorder, recorder, trot.plant, seconds=0.3, latency=options.get("latency", 0.0))
+    (tmp_path / "check.bin").write_bytes(recorder.file())
+    done = subprocess.run(["make", "-j2", "-C", str(tmp_path), "check"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "bitwise equal to the record" in done.stdout
