@@ -65,8 +65,8 @@ def _examine_model(
     if model.njoints <= ROOT + 1:
         advice = "check the types of the joints"
         return [finding("error", "robot", "has no joints", "none that moves", "at least one", advice)]
-    found = [_summary(model)]
     known = str(name) in names()
+    found = [_summary(model), *([] if known else _equal(model))]
     if not known and base is None:
         found += unclear_base(urdf, model)
     floats = base != "fixed"
@@ -90,7 +90,42 @@ def _examine_model(
     found += examine_bodies(robot)
     if robot.base == "free":
         found += [*crossed_feet(robot.feet), *_feet(robot), *_stand(robot)]
+    if not known:
+        found.append(_entry(robot, urdf, base, locked))
     return [*found, *_looks(robot)]
+
+
+def _equal(model: pinocchio.Model) -> Iterator[Finding]:
+    """Yield the known robots that have the same joints, in the same places, with the same masses."""
+    for name in names():
+        try:
+            other = build_model(locate(name)[0])
+        except ModelError:  # its package is not installed
+            continue
+        if _same(model, other):
+            text = f"equals '{name}': models.load('{name}') has its feet, poses and limits"
+            yield Finding("note", "robot", text)
+
+
+def _same(a: pinocchio.Model, b: pinocchio.Model) -> bool:
+    if a.njoints != b.njoints or list(a.parents) != list(b.parents):
+        return False
+    placed = zip(a.jointPlacements, b.jointPlacements, strict=True)
+    masses = zip(a.inertias, b.inertias, strict=True)
+    return all(one.isApprox(other, 1e-6) for one, other in placed) and all(
+        one.isApprox(other, 1e-6) for one, other in masses
+    )
+
+
+def _entry(robot: Robot, urdf: Path, base: str | None, locked: Mapping[str, float] | None) -> Finding:
+    """Return the call that loads the robot, to paste."""
+    feet = {foot.name: foot.frame for foot in robot.feet}
+    given = [f'"{urdf}"', *([f"feet={feet}", f"foot_radius={robot.foot_radius:g}"] if feet else [])]
+    if base is not None:
+        given.append(f"base={base!r}")
+    if locked:
+        given.append(f"locked={dict(locked)}")
+    return Finding("note", "loader", f"models.load({', '.join(given)})")
 
 
 def _summary(model: pinocchio.Model) -> Finding:

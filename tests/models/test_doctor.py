@@ -127,3 +127,26 @@ def test_files_without_a_robot_are_distinguished(text, message, tmp_path):
 def test_the_worst_comes_first(tmp_path):
     severities = [f.severity for f in broken(tmp_path, (LINK + r'ixx=")0.000245', r"\1-0.000245"))]
     assert severities == sorted(severities, key=["error", "warning", "note"].index)
+
+
+def test_a_copy_of_a_known_robot_is_told_by_its_name(tmp_path):
+    notes = of(broken(tmp_path), "note")
+    assert "note: robot: equals 'mini_cheetah': models.load('mini_cheetah') has its feet, poses and limits" in notes
+    heavier = of(broken(tmp_path, (LINK + r'<mass value=")0.064', r"\g<1>0.074")), "note")
+    assert not [note for note in heavier if "equals" in note]
+
+
+def test_the_call_that_loads_the_robot_is_there_to_paste(tmp_path):
+    (entry,) = [
+        one.text for one in models.diagnose(written(tmp_path), feet=FEET, foot_radius=0.02) if one.where == "loader"
+    ]
+    assert entry.endswith("'HR': 'HR_FOOT'}, foot_radius=0.02)")
+    robot = eval(entry, {"models": models})
+    assert robot.foot_names == ("FL", "FR", "HL", "HR")
+    assert robot.foot_radius == 0.02
+
+
+def written(tmp_path):
+    urdf = tmp_path / "mine.urdf"
+    urdf.write_text(CHEETAH)
+    return urdf

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from piaffe import models, ocp
+from piaffe import models, ocp, simulation
 from piaffe.errors import ModelError, PiaffeError, ProblemError
 from piaffe.models import base, gaits, joints, stance
 from piaffe.models.recursions import Recursion
@@ -260,3 +260,12 @@ def test_a_frame_of_an_arm_has_a_cost(panda):
     values = np.concatenate([part.full().ravel() for part in residual])
     for entry in place - [0.4, 0.1, 0.5]:
         assert np.min(np.abs(values - entry)) < 1e-12
+
+
+def test_a_plant_names_what_it_does_not_support(panda):
+    with pytest.raises(ModelError, match=r"plant: robot '.*' is not supported - got a fixed base, expected a floating"):
+        simulation.Plant(panda)
+    crane = load("crane")
+    weak = replace(crane, torque_limit=np.where(np.arange(crane.num_joints) == 1, 0.0, crane.torque_limit))
+    with pytest.raises(ModelError, match=r"plant: .* got joints without a motor, \['l_pitch'\]"):
+        simulation.Plant(weak)
