@@ -111,4 +111,5 @@ def test_a_warning_of_a_model_without_a_place_gets_that_of_the_problem():
     motion = ocp.Motion(ocp.Phase("drop", "fall", 0.4))
     problem = ocp.Problem(motion, ball.until_end(dt=0.1), ocp.Objective(ocp.regularize("push")), initial=[1.0])
     (warning,) = problem.warnings()
-    assert (str(warning), warning.source) == ("model 'ball': is red - got red, expected green; paint it", problem.source)
+    assert str(warning) == "model 'ball': is red - got red, expected green; paint it"
+    assert warning.source == problem.source
