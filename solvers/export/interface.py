@@ -68,8 +68,8 @@ def fuzz_commands(layout: Layout) -> str:
 def outputs(layout: Layout) -> dict[str, str]:
     """Return the fields of an output that the model records, in C and Python, and the code that writes them."""
     declared, code, python, at = [], [], [], 0
-    for path, unit, size in layout.recorded:
-        field = path.replace(".", "_")
+    for path, unit, names in layout.recorded:
+        field, size = path.replace(".", "_"), len(names)
         declared.append(f"    double {field}[{size}]; /* {path} at these torques, world [{unit}]; 0 if damped */")
         code.append(f"    memcpy(out->{field}, did->recorded + {at}, sizeof out->{field});\n")
         python.append(f'("{field}", ct.c_double * {size}), ')
