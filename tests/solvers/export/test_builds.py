@@ -46,6 +46,15 @@ def test_reproducible_builds_compute_the_same_bits(trot: Trot) -> None:
     digests = {digest(checked(trot, f"BUILD=same{i}", *build, *words)) for i, build in enumerate(builds)}
     assert len(digests) == 1
     assert digests != {digest(checked(trot))}
+    if shutil.which("nm") is not None:
+        library = str(trot.folder / "same0" / "libtrot.a")
+        told = subprocess.run(["nm", "-u", library], capture_output=True, text=True, check=True).stdout
+        needed = {line.split()[-1] for line in told.splitlines() if line.strip().startswith("U ")}
+        assert "memcpy" in needed
+        assert not needed & set(LIBM.split())
+
+
+LIBM = "sin cos tan sincos asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp expm1 log log1p pow hypot erf"
 
 
 @pytest.mark.skipif(QEMU is None or find_spec("ziglang") is None, reason="needs qemu-user and ziglang")
