@@ -80,12 +80,22 @@ def outputs(layout: Layout) -> dict[str, str]:
 def contacts(measured: int) -> dict[str, str]:
     """Return the function that takes measured contact flags, if the low level measures contacts."""
     if not measured:
-        return {"CONTACTS": "", "CONTACTS_CODE": ""}
+        return {"CONTACTS": "", "CONTACTS_CODE": "", "CONTACTS_WORDS": "", "CONTACTS_PYTHON": ""}
     head = f"int NAME_contacts(NAME *{{}}, const double flags[{measured}])"
-    told = "/* Which feet are on the ground, 1 or 0, for the next tick. The tick's thread. */\n"
+    told = "/* Which feet are on the ground, 1 or 0, for the next ticks. The tick's thread. */\n"
     body = f"    memcpy(c->memory.readings, flags, sizeof(double) * {measured});\n"
     return {
         "CONTACTS": f"{told}{head.format('controller')};\n",
+        "CONTACTS_WORDS": (
+            "* `NAME_contacts(controller, flags)`, in the tick thread before `NAME_tick`, says which of the "
+            f"{measured} feet are on the ground, 1 or 0, in the model's order. They stay until the next call; at "
+            "first all are 0.\n"
+        ),
+        "CONTACTS_PYTHON": (
+            "    def contacts(self, flags: Any) -> int:\n"
+            '        """Say which feet are on the ground, for the next ticks."""\n'
+            f"        return int(self.c.NAME_contacts(ct.c_void_p(self._at), (ct.c_double * {measured})(*flags)))\n\n"
+        ),
         "CONTACTS_CODE": (
             f"{head.format('c')}\n{{\n    if (!c || !flags) return NAME_BAD_ARGUMENT;\n{body}    return NAME_OK;\n}}\n"
         ),

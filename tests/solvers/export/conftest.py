@@ -54,12 +54,18 @@ def trot(tmp_path_factory: pytest.TempPathFactory) -> Trot:
     (folder / "check.bin").write_bytes(recorder.file())
     found = Trot(folder, ModuleType("none"), episode, exported, plant)
     build(found, tmp_path_factory.getbasetemp())
-    spec = importlib.util.spec_from_file_location("exported_trot", folder / "python" / "trot.py")
+    found.module = load_module(folder / "python" / "trot.py")
+    return found
+
+
+def load_module(path: Path) -> ModuleType:
+    """Return the module of Python of an exported controller."""
+    spec = importlib.util.spec_from_file_location(f"exported_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
-    found.module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found.module)
-    return found
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def build(trot: Trot, base: Path) -> None:
