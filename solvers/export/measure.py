@@ -73,6 +73,7 @@ class Measured:
     def section(self) -> str:
         """Return the section of a README."""
         size = self.library_bytes if self.stripped_bytes is None else self.stripped_bytes
+        stripped = "" if self.stripped_bytes is None else " without its table of symbols"
         same = "all numbers equal the record, bit for bit" if self.bitwise else "differences are as small as allowed"
         rows = ((f"{what} [{unit}]", *(f"{each:.3g}" for each in times)) for what, unit, times in (
             ("plan", "ms", self.plan_ms), ("tick", "µs", self.tick_us)))  # fmt: skip
@@ -83,7 +84,7 @@ class Measured:
             f"`make loop` for {self.seconds:g} s, the measured state that of the motion's start: "
             f"{self.missed_plans} plans missed, {self.late_ticks} ticks late, {self.faults} faults.\n\n"
             f"| time | median | 99 % | worst |\n|---|---|---|---|\n{table}\n"
-            f"The shared library has {size} bytes, a controller {self.memory_bytes} bytes.\n\n"
+            f"The shared library has {size} bytes{stripped}, a controller {self.memory_bytes} bytes.\n\n"
         )
 
 
