@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.ocp import Node, Quantity
 
+from .bindings import stacked
 from .holding import Holding
 from .legged import LeggedModel
 from .quantities import joints
@@ -40,8 +41,8 @@ class NumericWholeBody(LeggedModel):
 
     @property
     def nq(self) -> int:
-        """Number of stored positions; one more than ``nv``, because of the quaternion."""
-        return self.tree.nv + 1
+        """Number of stored positions; one more than ``nv``, because of the quaternion, if the base floats."""
+        return self.tree.nq
 
     @property
     def nv(self) -> int:
@@ -77,7 +78,7 @@ class NumericWholeBody(LeggedModel):
         p = self.numbers(impact=self.flags(feet), **parameters)
         residual, matrix = self._functions["impact"](state, *p.values())
         z = -np.linalg.solve(matrix.full(), residual.full().ravel())
-        return np.concatenate([state[: self.tree.nv + 1], z[: self.tree.nv]])
+        return np.concatenate([state[: self.tree.nq], z[: self.tree.nv]])
 
     def step(self, x: ArrayLike, u: ArrayLike, feet: Contacts, dt: float, **parameters: Any) -> Array:
         """Return the state one time step later, (nx,), with a unit quaternion."""
@@ -109,9 +110,19 @@ class NumericWholeBody(LeggedModel):
 
     def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
         """Return the torques with which the robot stands still on its feet, within their limits; zero in flight."""
-        limit = self.robot.torque_limit
-        torques = self._holding.torques(states[:-1, : self.tree.nv + 1], p["contact"], p)
+        motors = list(self.robot.motors)
+        limit = self.robot.torque_limit[motors]
+        torques = self._holding.torques(states[:-1, : self.tree.nq], p["contact"], p)[:, motors]
         return {joints.torque: np.clip(torques, -limit, limit)}
+
+    def joint_torques(self, u: cs.SX) -> cs.SX:
+        """Return the torques of all joints, (n, 1), of a control; passive joints have none."""
+        if len(self.robot.motors) == self.robot.num_joints:
+            return u
+        torques = cs.SX(self.robot.num_joints, 1)
+        for entry, joint in enumerate(self.robot.motors):
+            torques[joint] = u[entry]
+        return torques
 
     @cached_property
     def _holding(self) -> Holding:
@@ -136,7 +147,7 @@ class NumericWholeBody(LeggedModel):
     @cached_property
     def _functions(self) -> dict[str, cs.Function]:
         """Every function above, compiled for CasADi's virtual machine."""
-        nq, nv = self.tree.nv + 1, self.tree.nv
+        nq, nv = self.tree.nq, self.tree.nv
         x, u, dt = cs.SX.sym("x", self.state.nx), cs.SX.sym("u", self.control.nx), cs.SX.sym("dt")
         z, zero = cs.SX.sym("z", self.implicit_size("contact")), cs.SX.zeros(self.implicit_size("contact"))
         p = {slot.name: cs.SX.sym(slot.name, slot.size) for slot in self.slots}
@@ -146,13 +157,14 @@ class NumericWholeBody(LeggedModel):
         rest, moving = Recursion(self.tree, x[:nq]), Recursion(self.tree, x[:nq], x[nq:])
         body = Inertials.of(p["link_mass"], p["link_com"], p["link_inertia"])
         with_v = Recursion(self.tree, x[:nq], v)
-        M = rest.mass_matrix(body) + cs.diag(cs.vertcat(cs.SX(6, 1), p["armature"]))
+        on_base = cs.SX(0 if self.tree.fixed else 6, 1)
+        M = rest.mass_matrix(body) + cs.diag(cs.vertcat(on_base, p["armature"]))
         outputs: dict[str, tuple[list[cs.SX], list[cs.SX]]] = {
             "contact": ([x, u, dt], [cs.substitute(dynamics.implicit, z, zero), cs.jacobian(dynamics.implicit, z)]),
             "impact": ([x], [cs.substitute(reset.implicit, z, zero), cs.jacobian(reset.implicit, z)]),
             "step": ([x, u, z, dt], [dynamics.next_state]),
-            "feet": ([x], [cs.vertcat(*map(rest.point, self.contacts))]),
-            "jacobian": ([x], [cs.jacobian(cs.vertcat(*map(with_v.velocity, self.contacts)), v)]),
+            "feet": ([x], [stacked([rest.point(point) for point in self.contacts])]),
+            "jacobian": ([x], [cs.jacobian(stacked([with_v.velocity(point) for point in self.contacts]), v)]),
             "mass_matrix": ([x], [M]),
             "bias": ([x], [moving.inverse_dynamics(body, p["gravity"])]),
         }

@@ -45,14 +45,14 @@ def bind_motion(
             in the slots of the whole body.
         terrain: the ground.
     """
-    body, stacked, names, contacts = inertials(p), foot_labels(robot), robot.joint_names, foot_points(robot, points)
-    nq, make = motion.tree.nv + 1, Makers()
+    body, each, names, contacts = inertials(p), foot_labels(robot), robot.joint_names, foot_points(robot, points)
+    nq, make = motion.tree.nq, Makers()
 
     def places() -> list[cs.SX]:
         return [motion.point(point) for point in contacts]
 
     def heights() -> cs.SX:
-        gap: cs.SX = cs.vertcat(*(place[2] - terrain.height(place[0], place[1]) for place in places()))
+        gap = stacked([place[2] - terrain.height(place[0], place[1]) for place in places()])
         return gap - p["foot_radius"]
 
     def height() -> cs.SX:
@@ -70,18 +70,19 @@ def bind_motion(
         to_heading = cs.vertcat(cs.horzcat(heading[0], heading[1]), cs.horzcat(-heading[1], heading[0]))
         return cs.vertcat(*(to_heading @ (place[:2] - x[:2]) for place in places()))
 
-    make.supply(base.position, XYZ, lambda: motion.position)
-    make.supply(base.orientation, XYZ, lambda: x[3:7])
-    make.supply(base.linear_velocity, XYZ, lambda: motion.v[:3])
-    make.supply(base.angular_velocity, XYZ, lambda: motion.v[3:6])
-    make.supply(base.height, HEIGHT, height)
-    make.supply(base.ground_normal, XYZ, normal)
-    make.supply(joints.position, names, lambda: x[7:nq])
+    if not motion.tree.fixed:
+        make.supply(base.position, XYZ, lambda: motion.position)
+        make.supply(base.orientation, XYZ, lambda: x[3:7])
+        make.supply(base.linear_velocity, XYZ, lambda: motion.v[:3])
+        make.supply(base.angular_velocity, XYZ, lambda: motion.v[3:6])
+        make.supply(base.height, HEIGHT, height)
+        make.supply(base.ground_normal, XYZ, normal)
+        make.supply(feet.reach, reach_labels(robot), reach)
+    make.supply(joints.position, names, lambda: x[nq - len(names) : nq])
     make.supply(joints.velocity, names, lambda: motion.v[6:])
-    make.supply(feet.position, stacked, lambda: cs.vertcat(*places()))
-    make.supply(feet.velocity, stacked, lambda: cs.vertcat(*map(motion.velocity, contacts)))
+    make.supply(feet.position, each, lambda: stacked(places()))
+    make.supply(feet.velocity, each, lambda: stacked([motion.velocity(point) for point in contacts]))
     make.supply(feet.height, robot.foot_names, heights)
-    make.supply(feet.reach, reach_labels(robot), reach)
     make.supply(feet.contact, robot.foot_names, lambda: p["contact"])
     make.supply(feet.landing, robot.foot_names, lambda: p["landing"])
     make.supply(feet.lifting, robot.foot_names, lambda: p["lifting"])
@@ -92,6 +93,22 @@ def bind_motion(
         make.supply(frames[name].position, XYZ, partial(motion.point, point))
         make.supply(frames[name].velocity, XYZ, partial(motion.velocity, point))
     return make
+
+
+def absent_quantities(robot: Robot) -> dict[str, str]:
+    """Return the quantities that a robot does not have, by path, and why."""
+    if robot.base == "free":
+        return {}
+    of_base = (base.position, base.orientation, base.linear_velocity, base.angular_velocity, base.height)
+    return dict.fromkeys(
+        (quantity.path for quantity in (*of_base, base.ground_normal, feet.reach)),
+        f"the base of '{robot.name}' is fixed; use frames or joints",
+    )
+
+
+def stacked(parts: list[cs.SX]) -> cs.SX:
+    """Return parts below each other, (0, 1) if there are none."""
+    return cs.vertcat(*parts) if parts else cs.SX(0, 1)
 
 
 def ground_normal(orientation: cs.SX, slope: tuple[Any, Any]) -> cs.SX:

@@ -49,15 +49,15 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
 
 
 def torque_limits(fraction: float = 1.0) -> Any:
-    """Keep joint torques within the robot's limits, or a fraction of them [Nm]."""
+    """Keep joint torques within the robot's limits, or a fraction of them [Nm]; passive joints have no rows."""
     _require("torque_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
     return inequality(
         _torque,
         name="torque limits",
         unit="Nm",
-        lower=lambda model: -fraction * model.robot.torque_limit,
-        upper=lambda model: fraction * model.robot.torque_limit,
-        labels=_joints,
+        lower=lambda model: -fraction * _torques(model),
+        upper=lambda model: fraction * _torques(model),
+        labels=_motors,
     )
 
 
@@ -222,6 +222,15 @@ def _swing(s: Any) -> Any:
 def _joints(model: Any) -> tuple[str, ...]:
     names: tuple[str, ...] = model.robot.joint_names
     return names
+
+
+def _motors(model: Any) -> tuple[str, ...]:
+    names: tuple[str, ...] = model.robot.motor_names
+    return names
+
+
+def _torques(model: Any) -> Any:
+    return model.robot.torque_limit[list(model.robot.motors)]
 
 
 def _faces(model: Any) -> tuple[str, ...]:

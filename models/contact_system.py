@@ -18,6 +18,11 @@ def _on_contacts(z: cs.SX, nv: int, flags: cs.SX) -> tuple[list[cs.SX], list[cs.
     return forces, [flags[i] * force for i, force in enumerate(forces)]
 
 
+def _on_joints(tree: Tree, torque: cs.SX) -> cs.SX:
+    """Return joint torques as a generalised force, (nv, 1)."""
+    return torque if tree.fixed else cs.vertcat(cs.SX(6, 1), torque)
+
+
 def contact_residual(
     motion: Recursion, contacts: Sequence[Point], u: cs.SX, z: cs.SX, dt: cs.SX, p: Mapping[str, cs.SX]
 ) -> tuple[cs.SX, list[cs.SX]]:
@@ -28,17 +33,17 @@ def contact_residual(
     Args:
         motion: the recursion at the state and the acceleration a of z.
         contacts: the points of the feet.
-        u: joint torques, (n, 1).
+        u: joint torques, (n, 1), zero for passive joints.
         z: acceleration and contact forces, (nv + 3 nf, 1).
         dt: time step [s]; 0 for the continuous dynamics.
         p: the slots of the whole body.
     """
     nv = motion.tree.nv
-    a = z[:nv]
     forces, acting = _on_contacts(z, nv, p["contact"])
     effort = motion.inverse_dynamics(inertials(p), p["gravity"], list(zip(contacts, acting, strict=True)))
-    losses = loss_torque(motion.v[6:], a[6:], dt, p)
-    effort += cs.vertcat(cs.SX(6, 1), p["armature"] * a[6:] + losses - u)
+    own = motion.a[6:]
+    losses = loss_torque(motion.v[6:], own, dt, p)
+    effort += _on_joints(motion.tree, p["armature"] * own + losses - u)
     rows = []
     for i, (point, force) in enumerate(zip(contacts, forces, strict=True)):
         on = p["contact"][i]
@@ -66,7 +71,7 @@ def impact_residual(
     impulses, acting = _on_contacts(z, tree.nv, p["impact"])
     jump = Recursion(tree, q, None, v_next - v)
     effort = jump.inverse_dynamics(inertials(p), cs.SX(3, 1), list(zip(contacts, acting, strict=True)))
-    effort += cs.vertcat(cs.SX(6, 1), p["armature"] * (v_next - v)[6:])
+    effort += _on_joints(tree, p["armature"] * jump.a[6:])
     after = Recursion(tree, q, v_next)
     rows = []
     for i, (point, impulse) in enumerate(zip(contacts, impulses, strict=True)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,11 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
 
-from .doctor_urdf import Finding, Severity, examine_text, finding, judge_inertia
+from .doctor_bodies import examine_bodies, without_mass
+from .doctor_urdf import Finding, examine_text, finding, merge_findings
 from .kinematics import Kinematics
-from .mujoco import body_names
 from .robot import ROOT, Foot, Robot
-from .robots import build_model, leaf_frames, load, locate, names
+from .robots import build_model, crossed_feet, leaf_frames, load, locate, names, unclear_base
 
 Array = NDArray[np.float64]
 Feet = Sequence[str] | Sequence[Foot] | Mapping[str, str] | None
@@ -25,94 +24,113 @@ _ORDER = {"error": 0, "warning": 1, "note": 2}
 _NARROW = 0.05  # a workspace thinner than this fraction of the leg's reach is a line or a plane
 
 
-def diagnose(name_or_urdf_path: str | Path, *, feet: Feet = None, foot_radius: float | None = None) -> list[Finding]:
+def diagnose(
+    name_or_urdf_path: str | Path,
+    *,
+    feet: Feet = None,
+    foot_radius: float | None = None,
+    base: str | None = None,
+    locked: Mapping[str, float] | None = None,
+) -> list[Finding]:
     """Return the findings about a robot, the most severe first; a correct robot has notes at most.
+
+    :func:`piaffe.models.load` raises what is an error here, and keeps the warnings in ``robot.warnings``.
 
     Args:
         name_or_urdf_path: as for :func:`piaffe.models.load`.
         feet: as for :func:`piaffe.models.load`; without them only the URDF and its masses are examined.
         foot_radius: radius of the foot's ball [m].
+        base: as for :func:`piaffe.models.load`.
+        locked: as for :func:`piaffe.models.load`.
     """
     urdf = locate(name_or_urdf_path)[0]
-    found, buildable = examine_text(urdf)
+    found, buildable = examine_text(urdf, locked or ())
     if buildable:
-        found += _examine_model(name_or_urdf_path, urdf, feet, foot_radius)
-    return sorted(_merge(found), key=lambda one: _ORDER[one.severity])
+        found += _examine_model(name_or_urdf_path, urdf, feet, foot_radius, base, locked)
+    return sorted(merge_findings(found), key=lambda one: _ORDER[one.severity])
 
 
-def _merge(found: list[Finding]) -> list[Finding]:
-    """Merge findings of equal text into one; drop findings about a body that are also about its link."""
-    places: dict[tuple[Severity, str, str], list[str]] = {}
-    for one in found:
-        kind, _, name = one.where.partition(" ")
-        if kind == "body" and replace(one, where=f"link {name}") in found:
-            continue
-        same = places.setdefault((one.severity, kind, one.text), [])
-        if name not in same:
-            same.append(name)
-    return [
-        Finding(severity, f"{kind} {', '.join(same)}".strip(), text) for (severity, kind, text), same in places.items()
-    ]
-
-
-def _examine_model(name: str | Path, urdf: Path, feet: Feet, foot_radius: float | None) -> list[Finding]:
+def _examine_model(
+    name: str | Path,
+    urdf: Path,
+    feet: Feet,
+    foot_radius: float | None,
+    base: str | None,
+    locked: Mapping[str, float] | None,
+) -> list[Finding]:
     try:
-        model = build_model(urdf)
+        model = build_model(urdf, locked)
     except ModelError as error:
         return [Finding("error", f"file '{urdf}'", f"Pinocchio cannot read it - {error}")]
     if model.njoints <= ROOT + 1:
         advice = "check the types of the joints"
         return [finding("error", "robot", "has no joints", "none that moves", "at least one", advice)]
-    found = [_summary(model), *_massless(model)]
-    if feet is None and str(name) not in names():
+    known = str(name) in names()
+    found = [_summary(model), *([] if known else _equal(model))]
+    if not known and base is None:
+        found += unclear_base(urdf, model)
+    floats = base != "fixed"
+    if any(one.severity == "error" for one in found):
+        return found
+    if feet is None and not known and floats:
         advice = f"choose their frames, for example among {leaf_frames(model)}"
-        return [*found, finding("note", "feet", "are not given", "none", "at least one", advice)]
+        got = "none"
+        return [
+            *found,
+            *without_mass(model, floats),
+            finding("note", "feet", "are not given", got, "at least one", advice),
+        ]
     try:
-        robot = load(name, feet=feet, foot_radius=foot_radius)
+        robot = load(name, feet=feet, foot_radius=foot_radius, base=base, locked=locked, checked=False)
     except ModelError as error:
         return [*found, Finding("error", "feet", str(error))]
-    if not np.array_equal(robot.torque_limit, model.upperEffortLimit[6:]):
+    if known and not np.array_equal(robot.torque_limit, model.upperEffortLimit[6:]):
         text = f"the URDF of {robot.name} lacks some; Piaffe has them from other sources"
         found.append(Finding("note", "limits", text))
-    return [*found, *_bodies(robot, _span(robot)), *_feet(robot), *_stand(robot), *_looks(robot)]
+    found += examine_bodies(robot)
+    if robot.base == "free":
+        found += [*crossed_feet(robot.feet), *_feet(robot), *_stand(robot)]
+    if not known:
+        found.append(_entry(robot, urdf, base, locked))
+    return [*found, *_looks(robot)]
+
+
+def _equal(model: pinocchio.Model) -> Iterator[Finding]:
+    """Yield the known robots that have the same joints, in the same places, with the same masses."""
+    for name in names():
+        try:
+            other = build_model(locate(name)[0])
+        except ModelError:  # its package is not installed
+            continue
+        if _same(model, other):
+            text = f"equals '{name}': models.load('{name}') has its feet, poses and limits"
+            yield Finding("note", "robot", text)
+
+
+def _same(a: pinocchio.Model, b: pinocchio.Model) -> bool:
+    if a.njoints != b.njoints or list(a.parents) != list(b.parents):
+        return False
+    placed = zip(a.jointPlacements, b.jointPlacements, strict=True)
+    masses = zip(a.inertias, b.inertias, strict=True)
+    return all(one.isApprox(other, 1e-6) for one, other in placed) and all(
+        one.isApprox(other, 1e-6) for one, other in masses
+    )
+
+
+def _entry(robot: Robot, urdf: Path, base: str | None, locked: Mapping[str, float] | None) -> Finding:
+    """Return the call that loads the robot, to paste."""
+    feet = {foot.name: foot.frame for foot in robot.feet}
+    given = [f'"{urdf}"', *([f"feet={feet}", f"foot_radius={robot.foot_radius:g}"] if feet else [])]
+    if base is not None:
+        given.append(f"base={base!r}")
+    if locked:
+        given.append(f"locked={dict(locked)}")
+    return Finding("note", "loader", f"models.load({', '.join(given)})")
 
 
 def _summary(model: pinocchio.Model) -> Finding:
     mass = pinocchio.computeTotalMass(model)
     return Finding("note", "robot", f"{model.name}: {model.njoints - ROOT - 1} joints, {mass:.3f} kg")
-
-
-def _massless(model: pinocchio.Model) -> Iterator[Finding]:
-    """Yield bodies without mass: the accelerations of their joints would be infinite."""
-    for j in range(ROOT, model.njoints):
-        if model.inertias[j].mass <= 0:
-            where, got = f"joint '{model.names[j]}'", "0 kg on all links up to the next joint"
-            advice = "add <inertial>, or make the joint fixed"
-            yield finding("error", where, "moves no mass", got, "a positive mass", advice)
-
-
-def _bodies(robot: Robot, span: float) -> Iterator[Finding]:
-    """Yield bodies whose inertia is impossible or in a wrong unit; a body is the links that are fixed together."""
-    size = f"a part of a robot of {span:.2f} m"
-    for name, inertia in zip(body_names(robot), list(robot.model.inertias)[ROOT:], strict=True):
-        if inertia.mass <= 0:
-            continue
-        where = f"body '{name}'"
-        yield from judge_inertia(where, inertia.mass, inertia.inertia)
-        gyration = np.sqrt(max(np.trace(inertia.inertia) / 2, 0.0) / inertia.mass)
-        if gyration > span or 0 < gyration < 1e-3 * span:
-            got = f"a radius of gyration of {gyration:.3g} m for {inertia.mass:.3g} kg"
-            yield finding("warning", where, "inertia does not fit its mass", got, size, "check the unit of the inertia")
-        away = float(np.linalg.norm(inertia.lever))
-        if away > span:
-            got, advice = f"{away:.3g} m from its joint", "check <origin> of <inertial>"
-            yield finding("warning", where, "centre of mass is outside the robot", got, size, advice)
-
-
-def _span(robot: Robot) -> float:
-    """Return an upper bound of the size of the robot's parts [m]."""
-    places = [robot.model.jointPlacements[j].translation for j in range(ROOT, robot.model.njoints)]
-    return float(np.ptp(places, axis=0).max() + max(Kinematics(robot).reach, default=0.0))
 
 
 def _feet(robot: Robot) -> Iterator[Finding]:

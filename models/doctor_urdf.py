@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
@@ -17,6 +17,11 @@ Severity = Literal["error", "warning", "note"]
 
 _PLACEHOLDER = 1000.0  # torques [Nm] and speeds [rad/s] from here on are not those of a robot
 _TURNS = 4 * np.pi  # ranges wider than two turns are not those of a leg [rad]
+_ROUNDING = 1e-20  # [kg m^2]
+_LONG = 10.0  # ranges wider than this are not those of a slide [m]
+
+JOINT_TYPES = ("revolute", "continuous", "prismatic")
+"""The types of joints that move; the model, MuJoCo's scene and the doctor know these."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +48,28 @@ def finding(severity: Severity, where: str, what: str, got: str, expected: str, 
     return Finding(severity, where, f"{what} - got {got}, expected {expected}; {advice}")
 
 
-def examine_text(urdf: Path) -> tuple[list[Finding], bool]:
-    """Return the findings about a URDF file, and whether a model can be built from it."""
+def merge_findings(found: list[Finding]) -> list[Finding]:
+    """Merge findings of equal text into one; drop findings about a body that are also about its link."""
+    places: dict[tuple[Severity, str, str], list[str]] = {}
+    for one in found:
+        kind, _, name = one.where.partition(" ")
+        if kind == "body" and replace(one, where=f"link {name}") in found:
+            continue
+        same = places.setdefault((one.severity, kind, one.text), [])
+        if name not in same:
+            same.append(name)
+    return [
+        Finding(severity, f"{kind} {', '.join(same)}".strip(), text) for (severity, kind, text), same in places.items()
+    ]
+
+
+def examine_text(urdf: Path, locked: Collection[str] = ()) -> tuple[list[Finding], bool]:
+    """Return the findings about a URDF file, and whether a model can be built from it.
+
+    Args:
+        urdf: the file.
+        locked: names of joints that are locked: they may mimic another joint.
+    """
     where = f"file '{urdf}'"
     try:
         root = ElementTree.fromstring(urdf.read_bytes())
@@ -55,13 +80,29 @@ def examine_text(urdf: Path) -> tuple[list[Finding], bool]:
         return [finding("error", where, "is not a URDF", f"<{root.tag}> as outermost tag", "<robot>", advice)], False
     links = {link.get("name", ""): link for link in root.findall("link")}
     joints = [joint for joint in root.findall("joint") if joint.find("parent") is not None]
-    found = list(_tree(links, joints))
+    found = [*_names(root), *_tree(links, joints)]
     for name, link in links.items():
         found += _inertial(f"link '{name}'", link)
     for joint in joints:
-        found += _joint(f"joint '{joint.get('name', '')}'", joint)
+        found += _joint(f"joint '{joint.get('name', '')}'", joint, joint.get("name", "") in locked)
     unfit = [one for one in found if one.severity == "error" and not one.where.startswith("link")]
     return found, not unfit
+
+
+def root_link(urdf: Path) -> str:
+    """Return the name of the link that has no parent, of a file without errors."""
+    root = ElementTree.fromstring(urdf.read_bytes())
+    children = {_end(joint, "child") for joint in root.findall("joint")}
+    return next(link.get("name", "") for link in root.findall("link") if link.get("name", "") not in children)
+
+
+def _names(root: Element) -> Iterator[Finding]:
+    """Yield names that several links or several joints have."""
+    for kind in ("link", "joint"):
+        names = [each.get("name", "") for each in root.findall(kind)]
+        for name in sorted({name for name in names if names.count(name) > 1}):
+            got = f"{names.count(name)} of that name"
+            yield finding("error", f"{kind} '{name}'", "its name is not unique", got, "one", f"rename the {kind}s")
 
 
 def _tree(links: Mapping[str, Element], joints: Sequence[Element]) -> Iterator[Finding]:
@@ -72,12 +113,26 @@ def _tree(links: Mapping[str, Element], joints: Sequence[Element]) -> Iterator[F
             if end not in links:
                 where, what = f"joint '{joint.get('name', '')}'", "names a link that does not exist"
                 yield finding("error", where, what, f"'{end}'", f"one of {sorted(links)}", "correct the name")
-    for name in sorted({name for name in children if children.count(name) > 1}):
-        yield finding("error", f"link '{name}'", "closes a loop", "several parents", "one parent", "remove a joint")
+    looped = sorted({name for name in children if children.count(name) > 1})
+    for name in looped:
+        parents = [joint.get("name", "") for joint in joints if _end(joint, "child") == name]
+        where, advice = f"joint {', '.join(map(repr, parents))}", f"remove one of the joints to '{name}'"
+        got = f"{len(parents)} joints to link '{name}'"
+        yield finding("error", where, "closes a loop", got, "one joint to each link", advice)
     roots = sorted(set(links) - set(children))
     if len(roots) != 1:
         got = f"{roots or 'no'} links without a parent"
         yield finding("error", "robot", "does not have one base link", got, "one", "connect the others to it by joints")
+        return
+    reached, ahead = set(roots), list(roots)
+    while ahead and not looped:
+        at = ahead.pop()
+        following = {_end(joint, "child") for joint in joints if _end(joint, "parent") == at} - reached
+        reached |= following
+        ahead += following
+    if not looped and set(links) - reached:
+        where, got = f"link {', '.join(map(repr, sorted(set(links) - reached)))}", f"no path from '{roots[0]}'"
+        yield finding("error", where, "is not connected to the base", got, "a tree", "correct the joints' parents")
 
 
 def _inertial(where: str, link: Element) -> Iterator[Finding]:
@@ -87,13 +142,14 @@ def _inertial(where: str, link: Element) -> Iterator[Finding]:
         return
     mass_tag, tensor_tag = inertial.find("mass"), inertial.find("inertia")
     try:
+        _vectors(inertial)
         mass = float(mass_tag.get("value", "nan")) if mass_tag is not None else 0.0
         keys = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
         entries = [float(tensor_tag.get(key, "0")) if tensor_tag is not None else 0.0 for key in keys]
     except ValueError as error:
         yield finding("error", where, "<inertial> is not numeric", f"'{error}'", "numbers", "correct it")
         return
-    if not mass >= 0:
+    if not 0 <= mass < np.inf:
         yield finding("error", where, "mass is impossible", f"{mass:g} kg", "a number ≥ 0", "correct it")
         return
     yield from judge_inertia(where, mass, np.array(entries).reshape(3, 3))
@@ -109,7 +165,7 @@ def judge_inertia(where: str, mass: float, tensor: Array) -> Iterator[Finding]:
     if mass == 0:
         if largest > 0:
             yield finding("warning", where, "has inertia but no mass", f"{got} and 0 kg", "both", "give the mass")
-    elif smallest < -1e-9 * abs(largest):
+    elif smallest < -max(1e-9 * abs(largest), _ROUNDING):
         yield finding("error", where, "inertia is not positive", got, "all > 0", "check the signs")
     elif largest > 0 and smallest <= 1e-9 * largest:
         yield finding("warning", where, "inertia is zero about an axis", got, "all > 0", "add it")
@@ -118,49 +174,101 @@ def judge_inertia(where: str, mass: float, tensor: Array) -> Iterator[Finding]:
         yield finding("warning", where, what, got, expected, "Piaffe uses it unchanged")
 
 
-def _joint(where: str, joint: Element) -> Iterator[Finding]:
+def _vectors(parent: Element) -> None:
+    """Raise ValueError unless <origin> is absent or holds three numbers each for place and angles."""
+    origin = parent.find("origin")
+    for key in ("xyz", "rpy") if origin is not None else ():
+        text = origin.get(key, "0 0 0") if origin is not None else ""
+        numbers = np.array([float(number) for number in text.split()])
+        if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
+            raise ValueError(f"{key}={text!r} of <origin> is not three finite numbers")
+
+
+def _joint(where: str, joint: Element, locked: bool) -> Iterator[Finding]:
     """Yield the findings about a joint."""
     kind = joint.get("type")
-    if kind == "fixed":
-        return
-    if kind not in ("revolute", "prismatic"):
-        continuous = kind == "continuous"
-        advice = "make it 'revolute' and give limits" if continuous else "make it 'fixed', or use several single joints"
-        expected = "'revolute', 'prismatic' or 'fixed'"
+    if kind not in (*JOINT_TYPES, "fixed"):
+        expected = ", ".join(f"'{known}'" for known in JOINT_TYPES) + " or 'fixed'"
+        advice = "make it 'fixed', or use several single joints"
+        if kind == "floating":
+            advice = "remove it and the link before it: Piaffe adds the floating base itself, models.load(base='free')"
         yield finding("error", where, "its type is not supported", f"'{kind}'", expected, advice)
         return
-    if joint.find("mimic") is not None:
-        what, advice = "mimics another joint", "Piaffe treats it as an independent joint"
-        yield finding("warning", where, what, "<mimic>", "independent joints", advice)
     try:
+        _vectors(joint)
         axis_tag, limit = joint.find("axis"), joint.find("limit")
         axis = np.array((axis_tag.get("xyz", "1 0 0") if axis_tag is not None else "1 0 0").split(), dtype=float)
         keys = ("lower", "upper", "effort", "velocity")
         limits = {} if limit is None else {key: float(limit.get(key, "0")) for key in keys}
     except ValueError as error:
-        yield finding("error", where, "axis or limit is not numeric", f"'{error}'", "numbers", "correct it")
+        what = "origin, axis or limit is not numeric"
+        yield finding("error", where, what, f"'{error}'", "numbers with a decimal point", "correct it")
+        return
+    if kind == "fixed":
+        return
+    mimic = joint.find("mimic")
+    if mimic is not None and not locked:
+        got, advice = f"<mimic joint='{mimic.get('joint', '')}'>", f"lock it, {_lock(joint)}, or remove <mimic>"
+        yield finding("error", where, "mimics another joint", got, "independent joints", advice)
+    if axis.shape != (3,) or not np.all(np.isfinite(axis)):
+        yield finding("error", where, "axis is not a direction", f"{axis.tolist()}", "three numbers", "correct it")
         return
     length = float(np.linalg.norm(axis))
     if abs(length - 1) > 1e-3:
         got = f"{axis.tolist()} of length {length:.4g}"
         severity: Severity = "warning" if length else "error"
         yield finding(severity, where, "axis is not a unit vector", got, "length 1", "scale it")
+    if limit is None and kind == "continuous":
+        what, advice = "has no <limit>: torque and speed are unlimited", "add effort and velocity"
+        yield finding("warning", where, what, "none", "effort and velocity", advice)
+        return
     if limit is None:
         yield finding("error", where, "has no <limit>", "none", "lower, upper, effort and velocity", "add it")
         return
-    yield from _limits(where, **limits)
+    lacking = [key for key in ("effort", "velocity") if key not in limit.attrib]
+    if lacking:
+        got = f"no {' and no '.join(lacking)}"
+        yield finding("error", where, "its <limit> lacks numbers", got, "effort and velocity", "add them")
+        return
+    absent = not {"lower", "upper"} & set(limit.attrib)
+    yield from _efforts(where, limits["effort"], limits["velocity"], kind == "prismatic")
+    if kind != "continuous":
+        yield from _range(where, limits["lower"], limits["upper"], absent, kind == "prismatic")
 
 
-def _limits(where: str, lower: float, upper: float, effort: float, velocity: float) -> Iterator[Finding]:
-    """Yield the findings about a joint's limits."""
-    got = f"{lower:g} to {upper:g}"
-    if not lower < upper:
-        yield finding("warning", where, "range is empty", got, "lower < upper", "Piaffe treats it as unlimited")
-    elif upper - lower > _TURNS:
-        yield finding("warning", where, "range looks like a placeholder", got, "less than two turns", "correct it")
-    for value, what, unit in ((effort, "torque", "Nm"), (velocity, "speed", "rad/s")):
+def _lock(joint: Element) -> str:
+    return f"models.load(..., locked={{'{joint.get('name', '')}': 0.0}})"
+
+
+def _range(where: str, lower: float, upper: float, absent: bool, slides: bool) -> Iterator[Finding]:
+    """Yield the findings about a joint's range."""
+    got, widest, what = f"{lower:g} to {upper:g}", *((_LONG, "10 m") if slides else (_TURNS, "two turns"))
+    if np.isnan(lower) or np.isnan(upper):
+        yield finding("error", where, "range is not numeric", got, "two numbers", "correct it")
+    elif absent or lower == upper == 0:  # many files write 0 for a range that they do not know
+        got, advice = "<limit> without lower and upper, or with zeros", "add them, or make it 'continuous'"
+        yield finding("warning", where, "has no range: Piaffe treats it as unlimited", got, "both", advice)
+    elif lower > upper:
+        yield finding("error", where, "range is reversed", got, "lower < upper", "exchange them")
+    elif lower == upper:
+        yield finding("error", where, "range is empty", got, "lower < upper", "give a range, or make it 'fixed'")
+    elif upper - lower > widest:
+        yield finding("warning", where, "range looks like a placeholder", got, f"less than {what}", "correct it")
+
+
+def _efforts(where: str, effort: float, velocity: float, slides: bool) -> Iterator[Finding]:
+    """Yield the findings about a joint's largest torque and speed."""
+    torque, rate = ("force", "m/s") if slides else ("torque", "rad/s")
+    for value, what, unit in ((effort, torque, "N" if slides else "Nm"), (velocity, "speed", rate)):
         got = f"{value:g} {unit}"
-        if not 0 < value < np.inf:
+        if np.isnan(value) or value < 0:
+            expected = "a number ≥ 0"
+            yield finding("error", where, f"{what} limit is impossible", got, expected, "correct it")
+        elif value == 0 and what != "speed":
+            expected = "a positive number for a motor"
+            advice = "the joint is passive: it has no control; if it has a motor, give its limit"
+            yield finding("warning", where, f"{what} limit is zero", got, expected, advice)
+        elif value == 0:
             expected, advice = "a positive number", "Piaffe treats it as infinite"
             yield finding("warning", where, f"{what} limit is missing", got, expected, advice)
         elif value >= _PLACEHOLDER:

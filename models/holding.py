@@ -63,14 +63,14 @@ class Holding:
         self.tree, self.contacts = tree, contacts
 
     def torques(self, q: Array, contact: Array, p: Mapping[str, Array]) -> Array:
-        """Return the torques at N nodes, (N, n) [Nm]; zero in flight.
+        """Return the torques at N nodes, (N, n) [Nm]; zero in flight of a base that floats.
 
         Args:
             q: configurations, (N, nq).
             contact: 1 for feet on the ground, 0 for feet in the air, (N, nf).
             p: gravity and inertial parameters, as in the slots of the whole body, (N, size) each.
         """
-        torques, standing = np.zeros((len(q), self.tree.nv - 6)), contact.any(axis=1)
+        torques, standing = np.zeros((len(q), self.tree.num_links - 1)), contact.any(axis=1) | self.tree.fixed
         if not standing.any():
             return torques
         parts = [each[standing] for each in (q, *(p[name] for name in _SLOTS), contact)]
@@ -78,6 +78,9 @@ class Holding:
         new = np.append(True, np.any(table[1:] != table[:-1], axis=1))  # equal nodes in a row are computed once
         *inputs, flags = (part[new] for part in parts)
         load, jacobian = self._function(*inputs)
+        if self.tree.fixed:  # the base carries the weight
+            torques[standing] = load[np.cumsum(new) - 1]
+            return torques
         transposed = jacobian.swapaxes(1, 2)
         forces = holding_forces(transposed[:, :6], flags, load[:, :6])
         joints = load[:, 6:] - (transposed[:, 6:] @ forces[:, :, None])[..., 0]
@@ -87,11 +90,11 @@ class Holding:
     @cached_property
     def _function(self) -> Vectorised:
         """The load n and the Jacobian J at rest, of q and the slots."""
-        tree, q, gravity = self.tree, cs.SX.sym("q", self.tree.nv + 1), cs.SX.sym("gravity", 3)
+        tree, q, gravity = self.tree, cs.SX.sym("q", self.tree.nq), cs.SX.sym("gravity", 3)
         mass, com = cs.SX.sym("link_mass", tree.num_links), cs.SX.sym("link_com", 3 * tree.num_links)
         masses, centres = cs.vertsplit(mass), cs.vertsplit(com, 3)
         body = Inertials(masses, [m * c for m, c in zip(masses, centres, strict=True)], [])
         rest = Recursion(tree, q)
-        load, jacobian = rest.weight(body, gravity), cs.vertcat(*map(rest.jacobian, self.contacts))
+        load, jacobian = rest.weight(body, gravity), cs.vertcat(cs.SX(0, tree.nv), *map(rest.jacobian, self.contacts))
         names = ["q", *_SLOTS], ["load", "jacobian_x"]
         return Vectorised(cs.Function("holding", [q, gravity, mass, com], [load, jacobian], *names))

@@ -23,7 +23,9 @@ def checked_integrator(name: object, allowed: tuple[Integrator, ...], where: str
 
 
 def integrate(q: cs.SX, v: cs.SX, dt: cs.SX) -> cs.SX:
-    """Return q ⊕ v dt of a floating base and joints, (nq, 1); v in the state's layout."""
+    """Return q ⊕ v dt of a floating base and joints, or of joints alone, (nq, 1); v in the state's layout."""
+    if q.numel() == v.numel():
+        return q + v * dt
     turned = rotation.multiply(q[3:7], rotation.exp(v[3:6] * dt))
     return cs.vertcat(q[:3] + v[:3] * dt, turned, q[7:] + v[6:] * dt)
 

@@ -24,10 +24,11 @@ from piaffe.ocp import (
     Slot,
 )
 
+from .borrowed import trajectory_warnings
 from .ground_warnings import fastest, ground_warnings
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate
-from .quantities import base, com
+from .quantities import base, com, joints
 from .robot import Robot
 from .robots import robot_recipe
 from .stance import Stance, stance
@@ -41,6 +42,24 @@ VELOCITY_BLOCKS = (
     Block(base.linear_velocity, XYZ, rate_of=base.position),
     Block(base.angular_velocity, XYZ, rate_of=base.orientation),
 )
+
+
+def state_blocks(robot: Robot) -> tuple[Block, ...]:
+    """Return the blocks of a state with all joints: with a fixed base positions and velocities of the joints alone."""
+    position = Block(joints.position, robot.joint_names)
+    velocity = Block(joints.velocity, robot.joint_names, rate_of=joints.position)
+    if robot.base == "fixed":
+        return position, velocity
+    return *POSE_BLOCKS, position, *VELOCITY_BLOCKS, velocity
+
+
+def require_floating(robot: Robot, where: str) -> None:
+    """Raise ModelError unless the base floats."""
+    if robot.base == "fixed":
+        raise ModelError(
+            f"{where}: the base of '{robot.name}' is fixed - got base='fixed', expected a base that floats; use "
+            "models.WholeBody, or load the robot with base='free'"
+        )
 
 
 class LeggedModel(ModelBase):
@@ -161,7 +180,7 @@ class LeggedModel(ModelBase):
     def ballistic_centre(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> BallisticPoint:
         """Return that the centre of mass falls freely if no foot is on the ground."""
         place, speed = (quantities.bind(each).value for each in (com.position, com.velocity))
-        flag = cs.SX(1)
+        flag = cs.SX(float(self.robot.base == "free"))
         for i in range(self.num_feet):
             flag *= 1 - p["contact"][i]
         return BallisticPoint("centre of mass", flag, place, speed, p["gravity"])
@@ -179,21 +198,24 @@ class LeggedModel(ModelBase):
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
 
     def warnings(self, path: object) -> list[ProblemWarning]:
-        """Return warnings about keyframes and about what the motion asks of the ground."""
+        """Return warnings about the robot's file, keyframes, the ground, and trajectories of other robots."""
+        found = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
         if not isinstance(path, Path):
-            return []
-        ground = ground_warnings(self.robot, self.state.terrain, self.resolve, path)
-        return keyframe_warnings(self.robot, self.resolve, path) + list(ground)
+            return found
+        found += keyframe_warnings(self.robot, self.resolve, path)
+        if self.robot.base == "free":
+            found += ground_warnings(self.robot, self.state.terrain, self.resolve, path)
+        return found + list(trajectory_warnings(self.robot, self.state.terrain, self.resolve, path))
 
     @property
-    def planar_pose(self) -> tuple[Quantity, Quantity]:
-        """The base's position and orientation."""
-        return base.position, base.orientation
+    def planar_pose(self) -> tuple[Quantity, Quantity] | None:
+        """The base's position and orientation; None if the base is fixed."""
+        return (base.position, base.orientation) if self.robot.base == "free" else None
 
     @property
-    def fastest(self) -> float:
-        """Speed of the base above which targets are reported, see :func:`ground_warnings` [m/s]."""
-        return fastest(self.robot)
+    def fastest(self) -> float | None:
+        """Speed of the base above which targets are reported, :func:`ground_warnings` [m/s]; None if it is fixed."""
+        return fastest(self.robot) if self.robot.base == "free" else None
 
     # ---- parameters in numbers
 

@@ -98,5 +98,5 @@ def apex(trajectory: Trajectory) -> float | None:
 
 def lowest_foot(compiled: CompiledProblem, trajectory: Trajectory) -> float | None:
     """Return the smallest gap between a foot's ball and the terrain [m], over the phases whose model has legs."""
-    heights = [values for values in quantity_values(compiled, trajectory, feet.height) if values is not None]
+    heights = [each for each in quantity_values(compiled, trajectory, feet.height) if each is not None and each.size]
     return float(min(values.min() for values in heights)) if heights else None

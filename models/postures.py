@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ShapeError, UnknownNameError
+from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.ocp import Block, Manifold, Quantity, rotation
 
 from . import quantities
@@ -42,15 +42,18 @@ def reach_labels(robot: Robot) -> tuple[str, ...]:
 def quantity_labels(robot: Robot) -> dict[Quantity, tuple[str, ...]]:
     """Return the quantities of a robot that can have targets, and the labels of their components."""
     joints, stacked = quantities.joints, foot_labels(robot)
-    return {
+    of_base: dict[Quantity, tuple[str, ...]] = {
         **dict.fromkeys([base.position, base.orientation, base.linear_velocity, base.angular_velocity], XYZ),
         base.height: HEIGHT,
         base.ground_normal: XYZ,
+        feet.reach: reach_labels(robot),
+    }
+    return {
+        **(of_base if robot.base == "free" else {}),
         **dict.fromkeys([joints.position, joints.velocity, joints.acceleration], robot.joint_names),
-        **dict.fromkeys([joints.torque, joints.target], robot.joint_names),
+        **dict.fromkeys([joints.torque, joints.target], robot.motor_names),
         **dict.fromkeys([feet.position, feet.velocity, feet.force, feet.impulse], stacked),
         feet.height: robot.foot_names,
-        feet.reach: reach_labels(robot),
         **dict.fromkeys([com.position, com.velocity, momentum], XYZ),
     }
 
@@ -70,6 +73,11 @@ def translate(robot: Robot, where: str, values: Mapping[str, object]) -> dict[Qu
     targets: dict[Quantity, Array] = {}
     for key, value in values.items():
         quantity = SHORT_NAMES.get(key) or paths.get(key)
+        if quantity is not None and quantity not in labels:
+            raise ModelError(
+                f"{where}, target '{key}': the base of '{robot.name}' is fixed - got {value!r}, expected targets of "
+                "joints or frames; leave it out, or load the robot with base='free'"
+            )
         if quantity is None:
             raise UnknownNameError(where, "target", key, [*SHORT_NAMES, *paths])
         if quantity == quantities.joints.position:
@@ -127,6 +135,8 @@ class RobotState(Manifold):
     ) -> Array:
         """Return a state, (nx,), at rest unless velocities are given.
 
+        A robot with a fixed base takes ``joints`` and ``joint_velocities`` alone.
+
         Args:
             position: of the base: x, y, z, or x, y, or None for x = y = 0. Without z, the base has the height at which
                 the first foot touches the ground [m].
@@ -136,7 +146,7 @@ class RobotState(Manifold):
             angular_velocity: of the base, body axes [rad/s].
             joint_velocities: n numbers [rad/s].
         """
-        values = {
+        values: dict[str, object] = {
             "rpy": rpy,
             "joints": joints,
             "linear_velocity": linear_velocity,
@@ -144,6 +154,12 @@ class RobotState(Manifold):
             "joint_velocities": np.zeros(self.robot.num_joints) if joint_velocities is None else joint_velocities,
         }
         where = f"state of '{self.robot.name}'"
+        if self.robot.base == "fixed":
+            moved = [
+                key for key in ("rpy", "linear_velocity", "angular_velocity") if not np.any(np.asarray(values[key]))
+            ]
+            asked = {} if position is None else {"position": position}
+            return self.pack(translate(self.robot, where, {k: v for k, v in values.items() if k not in moved} | asked))
         state = translate(self.robot, where, values)
         state[base.orientation] = rotation.np_from_rpy(state[base.orientation])
         if position is None or np.shape(position) == (2,):

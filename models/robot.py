@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.ocp import match_labels
+
+from .doctor_urdf import Finding
 
 Array = NDArray[np.float64]
 
@@ -51,7 +53,8 @@ class Robot:
         feet: the feet; their order is that of every stacked foot quantity.
         foot_radius: radius of the foot's ball; a foot touches the ground when its frame is this far above it [m].
         joint_names: names in state order, n of them.
-        torque_limit: largest torque, (n,) [Nm]; this and the other limits are infinite where there is none.
+        torque_limit: largest torque, (n,) [Nm], force of a prismatic joint [N]; this and the other limits are infinite
+            where there is none. A joint whose limit is zero is passive: it has no control.
         joint_lower: smallest angle, (n,) [rad].
         joint_upper: largest angle, (n,) [rad].
         joint_speed_limit: largest speed, (n,) [rad/s].
@@ -62,6 +65,9 @@ class Robot:
         recipe: how it was loaded, for files: see :mod:`piaffe.models.robots`; empty for a robot built by hand.
         joint_damping: viscous damping of the joints, (n,) [Nm s/rad]; zero if it is left out.
         joint_friction: dry friction of the joints, (n,) [Nm]; zero if it is left out.
+        base: ``"free"`` for a floating base, ``"fixed"`` for one that stands still in the world. The model has a
+            free-flyer in both cases; with a fixed base its place is the origin.
+        warnings: what :func:`piaffe.models.diagnose` finds and is no error; ``describe`` and solves show them.
     """
 
     name: str
@@ -80,6 +86,8 @@ class Robot:
     recipe: Mapping[str, Any] = field(default_factory=dict, repr=False)
     joint_damping: Array = field(default_factory=lambda: np.zeros(0))
     joint_friction: Array = field(default_factory=lambda: np.zeros(0))
+    base: Literal["free", "fixed"] = "free"
+    warnings: tuple[Finding, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         _check_joints(self.name, self.model, self.joint_names)
@@ -106,13 +114,23 @@ class Robot:
 
     @property
     def num_joints(self) -> int:
-        """Number of actuated joints n."""
+        """Number of joints n, passive ones included."""
         return len(self.joint_names)
 
     @property
     def foot_names(self) -> tuple[str, ...]:
         """Names of the feet, in order."""
         return tuple(foot.name for foot in self.feet)
+
+    @cached_property
+    def motors(self) -> tuple[int, ...]:
+        """Indices of the joints that have a control; the others are passive, with a torque limit of zero."""
+        return tuple(int(i) for i in np.flatnonzero(self.torque_limit > 0))
+
+    @property
+    def motor_names(self) -> tuple[str, ...]:
+        """Names of the joints that have a control, in state order."""
+        return tuple(self.joint_names[i] for i in self.motors)
 
     @cached_property
     def foot_of_joint(self) -> tuple[int, ...]:
@@ -218,6 +236,11 @@ class Robot:
 
     def base_height(self, joints: object = "stand") -> float:
         """Return the height of a level base at which the lowest foot touches flat ground at z = 0 [m]."""
+        if not self.feet:
+            raise ModelError(
+                f"robot '{self.name}': its base has no height above the ground - got no feet, expected at least one; "
+                "give the base's position"
+            )
         q = pinocchio.neutral(self.model)
         q[7:] = self.pose(joints)
         data = self.model.createData()

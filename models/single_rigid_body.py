@@ -29,7 +29,7 @@ from piaffe.ocp import (
 from .bindings import ground_normal
 from .holding import holding_forces
 from .integrators import Integrator, begun, checked_integrator, finished, integrate
-from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel
+from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, require_floating
 from .postures import HEIGHT, XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
 from .robot import Robot, require_robot
@@ -86,6 +86,7 @@ class SingleRigidBody(LeggedModel):
             "gravity": robot.model.gravity.linear,
         }
         control = Manifold((Block(feet.force, foot_labels(robot)),))
+        require_floating(robot, "models.SingleRigidBody")
         state = (*POSE_BLOCKS, *VELOCITY_BLOCKS)
         super().__init__(
             robot, name or f"{robot.name} rigid body", state, control, slots=slots, cut_by_modes=False,

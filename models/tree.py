@@ -29,7 +29,7 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """A tree of links; revolute joint i − 1 connects link i > 0 to its parent.
+    """A tree of links; joint i − 1, revolute or prismatic, connects link i > 0 to its parent.
 
     Args:
         parents: parent of every link, −1 for the base; a parent comes before its children.
@@ -39,6 +39,8 @@ class Tree:
         mass: (nb,) [kg].
         com: centre of mass in the link's frame, (nb, 3) [m].
         inertia: about the centre of mass, in the link's axes, as xx, yy, zz, xy, xz, yz, (nb, 6) [kg m²].
+        slides: the links whose joint is prismatic.
+        fixed: whether the base stands still at the origin of the world; it has no velocities then.
     """
 
     parents: tuple[int, ...]
@@ -48,22 +50,30 @@ class Tree:
     mass: Array
     com: Array
     inertia: Array
+    slides: tuple[int, ...] = ()
+    fixed: bool = False
 
     @staticmethod
-    def from_pinocchio(model: pin.Model) -> Tree:
-        """Return the tree of a model with a free-flyer root and revolute joints.
+    def from_pinocchio(model: pin.Model, *, fixed: bool = False) -> Tree:
+        """Return the tree of a model with a free-flyer root and joints of one degree of freedom.
+
+        Args:
+            model: the model.
+            fixed: whether its base stands still at the origin.
 
         Raises:
-            ModelError: the first joint is not a free flyer, or another joint is not revolute with one angle.
+            ModelError: the first joint is not a free flyer, or another joint is not revolute or prismatic.
         """
         if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
             raise ModelError(
                 f"robot '{model.name}': no floating base - got {model.njoints - 1} joints, expected a free-flyer "
                 "first; build the model with pinocchio.JointModelFreeFlyer()"
             )
-        axes = np.zeros((model.njoints - 1, 3))
+        axes, slides = np.zeros((model.njoints - 1, 3)), []
         for i in range(2, model.njoints):
-            axes[i - 1] = _axis(model, i)
+            axes[i - 1], translates = _axis(model, i)
+            if translates:
+                slides.append(i - 1)
         inertias = [model.inertias[i] for i in range(1, model.njoints)]
         tensors = np.array([link.inertia for link in inertias])
         return Tree(
@@ -74,6 +84,8 @@ class Tree:
             mass=np.array([link.mass for link in inertias]),
             com=np.array([link.lever for link in inertias]),
             inertia=tensors[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]],
+            slides=tuple(slides),
+            fixed=fixed,
         )
 
     @property
@@ -83,8 +95,13 @@ class Tree:
 
     @property
     def nv(self) -> int:
-        """Number of velocities: six of the base, one per joint."""
-        return self.num_links + 5
+        """Number of velocities: six of a base that floats, one per joint."""
+        return self.num_links - 1 if self.fixed else self.num_links + 5
+
+    @property
+    def nq(self) -> int:
+        """Number of stored positions: seven of a base that floats, with its quaternion, one per joint."""
+        return self.nv if self.fixed else self.nv + 1
 
     def path(self, link: int) -> list[int]:
         """Return the links from ``link`` to the base, the base excluded."""
@@ -116,23 +133,25 @@ class Inertials:
         return Inertials(cs.vertsplit(mass), first, second)
 
 
-def _axis(model: pin.Model, joint: int) -> Array:
-    """Return the axis of a revolute joint, (3,)."""
+def _axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
+    """Return the axis of a joint, (3,), and whether it translates."""
     kind = model.joints[joint]
     if kind.nq != 1 or kind.nv != 1:
         raise ModelError(
             f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got nq "
-            f"{kind.nq}, expected a revolute joint with one angle; give it limits in the URDF or lock it"
+            f"{kind.nq}, expected a revolute joint with one angle, or a prismatic one; load the URDF with models.load, "
+            "or lock the joint"
         )
     data = kind.createData()
     kind.calc(data, pin.neutral(model))
     subspace = np.asarray(data.S, dtype=float).reshape(6)
-    if np.any(subspace[:3]):
+    translates = bool(np.any(subspace[:3]))
+    if translates and np.any(subspace[3:]):
         raise ModelError(
-            f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got a sliding "
-            f"joint, expected a revolute one; replace or fix the joint in the URDF"
+            f"robot '{model.name}', joint '{model.names[joint]}': unsupported type {kind.shortname()} - got a joint "
+            "that turns and slides, expected one of both; use two joints"
         )
-    return _clean(subspace[3:])
+    return _clean(subspace[:3] if translates else subspace[3:]), translates
 
 
 def _clean(numbers: Array) -> Array:

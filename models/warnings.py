@@ -26,6 +26,8 @@ OFF_GROUND = 0.02
 OFF_FLIGHT = 0.02
 """Largest distance of the centre of mass from a ballistic flight in a keyframe without a warning [m]."""
 
+_WEAK = 1e-3  # [Nm], limit of a passive joint when torques are shared
+
 _POSE = {name for name in SHORT_NAMES if name in ("position", "rpy", "joints")}
 _POSE |= {SHORT_NAMES[name].path for name in _POSE}
 
@@ -75,7 +77,7 @@ def keyframe_warnings(robot: Robot, resolve: Callable[[Hashable], Stance], path:
             warnings += _limits(robot, keyframe)
             warnings += _feet(robot, keyframe)
             warnings += _torques(robot, keyframe)
-    return warnings + list(_flights(robot, path, keyframes))
+    return warnings + (list(_flights(robot, path, keyframes)) if robot.base == "free" else [])
 
 
 def _placed_keyframes(resolve: Callable[[Hashable], Stance], path: Path) -> Iterator[PlacedKeyframe]:
@@ -132,16 +134,17 @@ def _feet(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
 
 def _torques(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
     """Yield joints whose limit is too small to hold the pose at rest."""
-    if not keyframe.stance:
+    if not keyframe.stance and robot.base == "free":
         return
     torque = static_torques(robot, _configuration(robot, keyframe.sample)[0], keyframe.stance)
     beyond = np.flatnonzero(np.abs(torque) > robot.torque_limit)
     if len(beyond):
         got = ", ".join(f"{robot.joint_names[i]} {abs(torque[i]):.1f} Nm" for i in beyond)
         allowed = ", ".join(f"{robot.torque_limit[i]:.1f} Nm" for i in beyond)
+        on = f" on {' '.join(keyframe.stance)}" if keyframe.stance else ""
         yield ProblemWarning(
             keyframe.where,
-            f"static torque beyond the limit - got {got} at rest on {' '.join(keyframe.stance)}, expected at most "
+            f"static torque beyond the limit - got {got} at rest{on}, expected at most "
             f"{allowed}; straighten the legs or put more feet on the ground",
             keyframe.placed.phase.source,
         )
@@ -162,6 +165,8 @@ def static_torques(robot: Robot, q: Array, feet: tuple[str, ...]) -> Array:
     weight = pin.computeGeneralizedGravity(robot.model, data, q)
     pin.computeJointJacobians(robot.model, data, q)
     pin.updateFramePlacements(robot.model, data)
+    if robot.base == "fixed":
+        return np.array(weight[6:])
     frames = [robot.frame_id(robot.foot(name).frame) for name in feet]
     J = np.vstack([
         pin.getFrameJacobian(robot.model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[:3] for frame in frames
@@ -171,7 +176,7 @@ def static_torques(robot: Robot, q: Array, feet: tuple[str, ...]) -> Array:
     force = np.linalg.lstsq(balance, scale * weight[:6], rcond=None)[0]
     _, sizes, directions = np.linalg.svd(balance)
     free = directions[int(np.sum(sizes > 1e-9 * sizes[0])) :].T
-    per_limit = 1 / np.maximum(robot.torque_limit[:, None], 1e-6)  # zero for a joint without a limit
+    per_limit = 1 / np.maximum(robot.torque_limit[:, None], _WEAK)  # zero for a joint without a limit
     if free.size:
         torque = weight[6:] - J[:, 6:].T @ force
         change = np.linalg.lstsq(per_limit * (J[:, 6:].T @ free), per_limit[:, 0] * torque, rcond=None)[0]
@@ -249,6 +254,8 @@ def _take_off(robot: Robot, path: Path, first: PlacedPhase) -> Array | None:
 def _configuration(robot: Robot, sample: Sample) -> tuple[Array, Array]:
     """Return pinocchio's q and v of a sample; missing joint angles are those of ``"stand"``, missing velocities 0."""
     defaults = {
+        base.position: np.zeros(3),
+        base.orientation: np.array([1.0, 0.0, 0.0, 0.0]),
         joints.position: robot.pose("stand"),
         joints.velocity: np.zeros(robot.num_joints),
         base.linear_velocity: np.zeros(3),

@@ -23,11 +23,11 @@ from piaffe.ocp import (
 )
 
 from ._numeric import NumericWholeBody
-from .bindings import bind_motion, foot_points, frame_points
+from .bindings import absent_quantities, bind_motion, foot_points, frame_points, stacked
 from .contact_system import contact_residual, impact_residual
 from .integrators import INTEGRATORS, Integrator, begun, checked_integrator, feet_follow_stance, finished, integrate
 from .joint_losses import FRICTION_SPEED
-from .legged import POSE_BLOCKS, VELOCITY_BLOCKS
+from .legged import state_blocks
 from .postures import foot_labels
 from .quantities import feet, joints
 from .recursions import Recursion
@@ -35,7 +35,7 @@ from .redundant_contacts import refuse_redundant_contacts
 from .robot import Robot, require_robot
 from .terrain import Flat
 from .tree import Tree
-from .whole_body_checks import SLOT_CHECKS, check_numbers
+from .whole_body_checks import SLOT_CHECKS, check_numbers, require_motors
 
 Array = NDArray[np.float64]
 Impact = Literal["contact", "landing"]
@@ -54,6 +54,7 @@ class WholeBody(NumericWholeBody):
         S (J a + J̇ v + γ J v + d F) + (I − S) F = 0
 
     where γ [1/s] (Baumgarte) reduces a foot's velocity to zero and d is the compliance ``contact_damping``.
+    With a fixed base q and v are those of the joints alone. Passive joints have no entry in u.
     M holds the rotors' inertia, τ is the torque of damping and dry friction of the joints, at the mean velocity of a
     step, see :func:`~piaffe.models.joint_losses.loss_torque`.
     Acceleration and generalised force are in the state's layout: world linear, body angular, joints.
@@ -91,7 +92,8 @@ class WholeBody(NumericWholeBody):
         chosen = checked_integrator(integrator, INTEGRATORS, f"whole body of '{robot.name}'")
         gamma = _GAMMA if baumgarte is None else baumgarte
         check_numbers(robot, baumgarte, contact_damping, impact, friction_speed)
-        tree, nf = Tree.from_pinocchio(robot.model), len(robot.feet)
+        require_motors(robot)
+        tree, nf = Tree.from_pinocchio(robot.model, fixed=robot.base == "fixed"), len(robot.feet)
         slots = {
             "contact": np.zeros(nf),
             "landing": np.zeros(nf),
@@ -110,10 +112,7 @@ class WholeBody(NumericWholeBody):
             "joint_friction": robot.joint_friction,
             "friction_speed": friction_speed,
         }
-        positions = (*POSE_BLOCKS, Block(joints.position, robot.joint_names))
-        velocities = (*VELOCITY_BLOCKS, Block(joints.velocity, robot.joint_names, rate_of=joints.position))
-        control = Manifold((Block(joints.torque, robot.joint_names),))
-        blocks = (*positions, *velocities)
+        control, blocks = Manifold((Block(joints.torque, robot.motor_names),)), state_blocks(robot)
         super().__init__(
             robot, name or robot.name, blocks, control, slots=slots, positive=("friction_speed",), checks=SLOT_CHECKS
         )
@@ -123,7 +122,7 @@ class WholeBody(NumericWholeBody):
         self.tree = tree
         self._points = frame_points(robot)
         self.contacts = foot_points(robot, self._points)
-        if contact_damping is None:
+        if contact_damping is None and robot.feet:
             rng, stand = np.random.default_rng(0), robot.pose("stand")
             postures = [self.state(joints=stand + 0.3 * rng.standard_normal(len(stand))) for _ in range(3)]
             refuse_redundant_contacts(robot, [self.contact_jacobian(x) for x in postures])
@@ -159,10 +158,10 @@ class WholeBody(NumericWholeBody):
         q, v, a = at[:nq], at[nq:], z[:nv]
         # the square of a velocity is linear in a if it is the product of the velocities before and after the step
         motion = Recursion(self.tree, q, v, a, dt if self.integrator == "midpoint" else None)
-        residual, acting = contact_residual(motion, self.contacts, u, z, dt, p)
+        residual, acting = contact_residual(motion, self.contacts, self.joint_torques(u), z, dt, p)
         v_next = v + a * dt
         node = motion if at is x else Recursion(self.tree, x[:nq], x[nq:], a)
-        absent = {feet.impulse.path: _ONLY_AT_IMPACTS}
+        absent = {feet.impulse.path: _ONLY_AT_IMPACTS, **absent_quantities(self.robot)}
         quantities = Quantities(self.name, self._makers(node, x, u, acting, p), absent)
         if at is x:
             return Dynamics(residual, cs.vertcat(integrate(q, v, dt), v_next), quantities, outputs=(feet.force,))
@@ -183,9 +182,10 @@ class WholeBody(NumericWholeBody):
         q, v, v_next = x[:nq], x[nq:], z[:nv]
         residual = impact_residual(self.tree, self.contacts, q, v, z, p)
         makers = bind_motion(self.robot, self._points, Recursion(self.tree, q, v), x, p, Flat(p["terrain"]))
-        lands = cs.vertcat(*(cs.repmat(p["landing"][i], 3, 1) for i in range(self.num_feet)))
+        lands = stacked([cs.repmat(p["landing"][i], 3, 1) for i in range(self.num_feet)])
         makers.supply(feet.impulse, foot_labels(self.robot), lambda: z[nv:], lands)
         absent = dict.fromkeys(_OF_STAGES, "there is no control at the end of a phase")
+        absent |= absent_quantities(self.robot)
         quantities, outputs = Quantities(self.name, makers, absent), (feet.impulse, feet.landing)
         return Reset(residual, cs.vertcat(q, v_next), quantities, outputs)
 
@@ -201,15 +201,16 @@ class WholeBody(NumericWholeBody):
             ContactPoint(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
             for i, name in enumerate(self.robot.foot_names)
         )
-        return Invariants(contacts, (self.ballistic_centre(quantities, p),))
+        falls = () if self.tree.fixed else (self.ballistic_centre(quantities, p),)
+        return Invariants(contacts, falls)
 
     def _makers(
         self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]
     ) -> dict[str, Callable[[], Bound]]:
         """Return the functions that make the quantities."""
-        on_each = cs.vertcat(*(cs.repmat(p["contact"][i], 3, 1) for i in range(self.num_feet)))
+        on_each = stacked([cs.repmat(p["contact"][i], 3, 1) for i in range(self.num_feet)])
         makers = bind_motion(self.robot, self._points, motion, x, p, Flat(p["terrain"]))
         makers.supply(joints.acceleration, self.robot.joint_names, lambda: motion.a[6:])
-        makers.supply(joints.torque, self.robot.joint_names, lambda: u)
-        makers.supply(feet.force, foot_labels(self.robot), lambda: cs.vertcat(*forces), on_each)
+        makers.supply(joints.torque, self.robot.motor_names, lambda: u)
+        makers.supply(feet.force, foot_labels(self.robot), lambda: stacked(forces), on_each)
         return makers

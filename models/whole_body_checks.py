@@ -12,6 +12,16 @@ from piaffe.errors import ModelError
 from .robot import Robot
 
 
+def require_motors(robot: Robot) -> None:
+    """Raise ModelError if all joints are passive: there is nothing to control."""
+    if not robot.motors:
+        raise ModelError(
+            f"whole body of '{robot.name}': no joint has a motor - got a torque limit of zero for {robot.joint_names}, "
+            "expected a positive one for at least one joint; correct effort in the URDF, or use "
+            "dataclasses.replace(robot, torque_limit=...)"
+        )
+
+
 def check_numbers(
     robot: Robot, baumgarte: float | None, contact_damping: float | None, impact: str, friction_speed: float
 ) -> None:

@@ -83,7 +83,7 @@ def test_files_have_the_permissions_that_the_user_wants(tmp_path: Path) -> None:
 def test_arrays_come_back(tmp_path: Path) -> None:
     arrays = {"a/b": np.arange(3.0), "text": np.array("x"), "empty": np.zeros((0, 2), np.float32)}
     write_arrays(tmp_path / "a.npz", arrays)
-    read = read_arrays((tmp_path / "a.npz").read_bytes())
+    read = read_arrays(tmp_path / "a.npz", RefusedError)
     assert {name: (value.dtype, value.shape) for name, value in read.items()} == {
         name: (value.dtype, value.shape) for name, value in arrays.items()
     }

@@ -21,6 +21,7 @@ Foothold = Callable[[int, Array, Array], Array]
 # its straight distance from the hip is at most this fraction of the reach.
 BOX = (0.5, 0.25)
 STRETCH = 0.95
+_WINDOW = 20  # cycles whose stances are computed at once, late in a motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +77,29 @@ class ContactSchedule:
             stances[-1][1] = np.inf
         return np.array(stances)
 
+    def later_stances(self, foot: int, since: float, until: float) -> tuple[int, Array]:
+        """Return stances about a span of time, in a time that does not depend on when it is.
+
+        Args:
+            foot: index of the foot.
+            since: the stance at this time is among those returned, and one before it [s].
+            until: as for :meth:`stances`.
+
+        Returns:
+            Number of the first stance among all of the foot, and touchdown and liftoff of each, (k, 2) [s].
+        """
+        settled = sum(duration for duration, _ in self.once) + self.period  # from here on each cycle repeats the last
+        head = self.stances(foot, settled + 3 * self.period)
+        first = int(np.searchsorted(head[:, 0], settled - SAME_TIME))
+        count = int(np.searchsorted(head[:, 0], settled + self.period - SAME_TIME)) - first  # stances of a cycle
+        skipped = int((since - settled) // self.period) - 2 if self.period and since > settled else 0
+        if not count or skipped < 1:
+            return 0, self.stances(foot, until)
+        cycles = int((until - settled) // self.period) + 2 - skipped
+        shifts = self.period * (skipped + np.arange(cycles))
+        cycle = head[first : first + count]
+        return first + count * skipped, (cycle + shifts[:, None, None]).reshape(-1, 2)
+
 
 class Footsteps:
     """Positions and velocities of the feet over time.
@@ -94,10 +118,12 @@ class Footsteps:
     ) -> None:
         self.schedule = schedule
         self._start, self._ground, self._swing_height, self._foothold = start, ground, swing_height, foothold
-        self._until = -1.0
+        self._since, self._until = np.inf, -1.0  # the times that the stances are of
+        self._firsts: list[int] = []  # per foot, the number of the first of them
         self._stances: list[Array] = []
         self._holds: list[Array] = []
         self._keep: list[tuple[int, Array]] = []  # per foot, the stance whose foothold is given, and this foothold
+        self._held = np.inf  # the time of these stances [s]
 
     def held(self, t: float, feet: Array | None, foothold: Foothold) -> Footsteps:
         """Return footsteps with other footholds after time t, in which the feet on the ground do not move.
@@ -107,40 +133,52 @@ class Footsteps:
             feet: positions at that time, (nf, 3) [m]; None for the reference positions.
             foothold: as in the constructor.
         """
-        self._extend(t)
+        self._extend(t, t)
         other = Footsteps(self.schedule, self._start, self._ground, self._swing_height, foothold)
-        other._keep = []
+        other._keep, other._held = [], t
         for foot, (stances, holds) in enumerate(zip(self._stances, self._holds, strict=True)):
             i = int(np.searchsorted(stances[:, 0], t + SAME_TIME, side="right")) - 1
             now = holds[i].copy()
             if feet is not None and t <= stances[i, 1] + SAME_TIME:
                 now[:2] = feet[foot, :2]
-            other._keep.append((i, now))
+            other._keep.append((self._firsts[foot] + i, now))
         return other
 
     def at(self, t: Array) -> tuple[Array, Array]:
         """Return positions, (S, nf, 3) [m], and velocities, (S, nf, 3) [m/s], of the feet at times (S,) [s]."""
-        self._extend(float(np.max(t)))
+        self._extend(float(np.min(t)), float(np.max(t)))
         feet = [self._swing(stances, holds, t) for stances, holds in zip(self._stances, self._holds, strict=True)]
         return np.stack([p for p, _ in feet], axis=-2), np.stack([v for _, v in feet], axis=-2)
 
-    def _extend(self, until: float) -> None:
-        """Compute the footholds of all stances up to a time, and at least up to twice the time of the last call."""
-        if until <= self._until:
+    def _extend(self, since: float, until: float) -> None:
+        """Compute the footholds of the stances about a span of time, unless they are known.
+
+        Early in the motion these are all stances up to then, and at least up to twice the time of the last call. Later
+        they are those of a window that moves on, so that neither time nor memory grows with the motion.
+        """
+        since = min(since, self._held)
+        if self._since <= since and until <= self._until:
             return
-        self._until = max(until, 2 * self._until, 2 * self.schedule.period)
-        self._stances, self._holds = [], []
+        window = _WINDOW * self.schedule.period
+        late = since > 2 * window > 0
+        self._since = since - self.schedule.period if late else -np.inf
+        self._until = max(until, min(2 * self._until, until + window), 2 * self.schedule.period)
+        self._firsts, self._stances, self._holds = [], [], []
         for foot, start in enumerate(self._start):
-            stances = self.schedule.stances(foot, self._until)
-            touchdown, liftoff = stances[1:].T
-            length = np.where(np.isfinite(liftoff), liftoff - touchdown, 0.0)
+            first, stances = self.schedule.later_stances(foot, self._since, self._until)
+            touchdown, liftoff = stances.T
+            length = np.where(np.isfinite(liftoff - touchdown), liftoff - touchdown, 0.0)
             holds = np.full((len(stances), 3), self._ground)
-            holds[0] = (
-                start if np.isfinite(stances[0, 1]) and stances[0, 1] <= SAME_TIME else (*start[:2], self._ground)
-            )
-            holds[1:, :2] = self._foothold(foot, touchdown, length)
+            begins = 0
+            if not first:
+                begins = 1
+                holds[0] = (
+                    start if np.isfinite(stances[0, 1]) and stances[0, 1] <= SAME_TIME else (*start[:2], self._ground)
+                )
+            holds[begins:, :2] = self._foothold(foot, touchdown[begins:], length[begins:])
             if self._keep:
-                holds[self._keep[foot][0]] = self._keep[foot][1]
+                holds[self._keep[foot][0] - first] = self._keep[foot][1]
+            self._firsts.append(first)
             self._stances.append(stances)
             self._holds.append(holds)
 

@@ -23,7 +23,7 @@ from piaffe.ocp import (
     rotation,
 )
 
-from ..legged import LeggedModel
+from ..legged import LeggedModel, require_floating
 from ..quantities import base, feet, joints
 from .base_path import BasePath, ease, turn_by
 from .footsteps import BOX, STRETCH, ContactSchedule, Footsteps
@@ -91,6 +91,7 @@ class GaitReference(Reference):
                 f"gait: model '{model.name}' has no feet - got {type(model).__name__}, expected a model of a legged "
                 "robot first in the schedule; begin with models.WholeBody(robot)"
             )
+        require_floating(model.robot, "gait")
         return BoundGait(self, model, piece, start)
 
     def _require(self, key: str, holds: Any, expected: str) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.errors import ModelError
 from piaffe.ocp import Quantity
 
 from ..mujoco_import import import_mujoco
@@ -26,7 +27,7 @@ DAMPING_TIME = 0.05
 
 @dataclass(frozen=True, eq=False)
 class BoundAction:
-    """The action of one robot with n joints; it has n controls.
+    """The action of one robot with n joints that have motors; it has n controls.
 
     Args:
         quantity: the quantity that the controls are, ``joints.target`` or ``joints.torque``.
@@ -65,7 +66,8 @@ class BoundAction:
     def add_to(self, spec: Any, robot: Robot) -> None:
         """Add an actuator for each joint, in state order; its control is the action's, its force is limited."""
         mujoco = import_mujoco()
-        for i, (name, limit) in enumerate(zip(robot.joint_names, robot.torque_limit, strict=True)):
+        limits = robot.torque_limit[list(robot.motors)]
+        for i, (name, limit) in enumerate(zip(robot.motor_names, limits, strict=True)):
             motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
             if self.quantity == joints.target:
@@ -100,6 +102,12 @@ class JointTargets(Action):
 
     def bind(self, robot: Robot) -> BoundAction:
         """Return the action of a robot."""
+        passive = [name for name in robot.joint_names if name not in robot.motor_names]
+        if passive:
+            raise ModelError(
+                f"joint_targets: robot '{robot.name}' has joints without a motor - got {passive}, expected none; use "
+                "models.torques(), or give limits with dataclasses.replace(robot, torque_limit=...)"
+            )
         wanted = robot.torque_limit / ERROR_AT_LIMIT if self.kp is None else self.kp
         kp = per_joint(robot, "joint_targets, kp", wanted)
         kd = per_joint(robot, "joint_targets, kd", DAMPING_TIME * kp if self.kd is None else self.kd)
@@ -118,7 +126,8 @@ class Torques(Action):
         half = per_joint(
             robot, "torques, half_range", robot.torque_limit if self.half_range is None else self.half_range
         )
-        return BoundAction(joints.torque, np.zeros(robot.num_joints), half, *np.zeros((2, robot.num_joints)))
+        motors = list(robot.motors)
+        return BoundAction(joints.torque, np.zeros(len(motors)), half[motors], *np.zeros((2, len(motors))))
 
 
 def joint_targets(kp: Any = None, kd: Any = None, *, centre: object = "stand", half_range: Any = 0.4) -> JointTargets:

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ModelError
 from piaffe.ocp import Block, Dynamics, Manifold, Node, Quantities, Quantity, is_same_time, rotation
 
-from ..bindings import bind_motion, frame_points
+from ..bindings import absent_quantities, bind_motion, frame_points
 from ..kinematics import Kinematics
-from ..legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel
+from ..legged import LeggedModel, state_blocks
 from ..per_joint import per_joint
 from ..quantities import feet, joints
 from ..recursions import Recursion
@@ -109,19 +109,17 @@ class Mujoco(LeggedModel):
         self.simulated = replace(loaded, armature=stable)
         nf = len(robot.feet)
         slots = {"contact": np.zeros(nf), "landing": np.zeros(nf), "lifting": np.zeros(nf)}
-        positions = (*POSE_BLOCKS, Block(joints.position, robot.joint_names))
-        velocities = (*VELOCITY_BLOCKS, Block(joints.velocity, robot.joint_names, rate_of=joints.position))
-        control = Manifold((Block(self.action.quantity, robot.joint_names),))
+        control = Manifold((Block(self.action.quantity, robot.motor_names),))
         super().__init__(
             robot,
             name or f"{robot.name} in MuJoCo",
-            (*positions, *velocities),
+            state_blocks(robot),
             control,
             slots=slots,
             cut_by_modes=False,
             terrain=self.terrain,
         )
-        self.tree = Tree.from_pinocchio(loaded.model)
+        self.tree = Tree.from_pinocchio(loaded.model, fixed=robot.base == "fixed")
         self._points, self._legs = frame_points(robot), Kinematics(robot)
         self._compiled: dict[bool, Any] = {}
 
@@ -148,7 +146,7 @@ class Mujoco(LeggedModel):
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the quantities; the step itself is not an expression."""
-        nq, tree = self.tree.nv + 1, self.tree
+        nq, tree = self.tree.nq, self.tree
         motion = Recursion(tree, x[:nq], x[nq:])
         links = {"link_mass": tree.mass, "link_com": tree.com, "link_inertia": tree.inertia}
         known = {name: cs.SX(np.ravel(value)) for name, value in links.items()}
@@ -159,8 +157,10 @@ class Mujoco(LeggedModel):
         )
         if self.action.quantity == joints.target:
             make.supply(joints.target, names, lambda: u)
-        make.supply(joints.torque, names, lambda: self.action.torque(u, x[7:nq], motion.v[6:]))
-        return Dynamics(cs.SX(0, 1), cs.SX(0, 1), Quantities(self.name, make, ABSENT))
+        at = x[nq - len(names) : nq]
+        make.supply(joints.torque, self.robot.motor_names, lambda: self.action.torque(u, at, motion.v[6:]))
+        absent = {**ABSENT, **absent_quantities(self.robot)}
+        return Dynamics(cs.SX(0, 1), cs.SX(0, 1), Quantities(self.name, make, absent))
 
     def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
         """Return the controls for the joint angles of the path, within the action's range, (N, n)."""
@@ -175,7 +175,7 @@ class Mujoco(LeggedModel):
 
     def _stable_armature(self, robot: Robot) -> Array:
         """Return the robot's armature, or the larger one that explicit steps of the PD law need, (n,) [kg m²]."""
-        if self.contact.integrator != "euler":
+        if self.contact.integrator != "euler" or self.action.quantity != joints.target:
             return robot.armature
         h = self.timestep
         return np.maximum(robot.armature, self.action.kd * h + self.action.kp * h**2)

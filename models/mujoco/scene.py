@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
 
+from ..links import body_names as body_names
 from ..mujoco_import import import_mujoco
 from ..robot import ROOT, Robot
 from ..terrain import Flat, Terrain
@@ -108,7 +109,7 @@ def compile_spec(spec: Any, robot: Robot) -> Any:
             f"robot '{robot.name}': MuJoCo does not compile it - got '{error}', expected a model that compiles; run "
             "`piaffe doctor` on its URDF"
         ) from error
-    names = tuple(model.joint(i).name for i in range(1, model.njnt))
+    names = tuple(model.joint(i).name for i in range(1 if robot.base == "free" else 0, model.njnt))
     if names != robot.joint_names:
         raise ModelError(
             f"robot '{robot.name}': MuJoCo orders joints differently - got {names}, expected {robot.joint_names}; "
@@ -131,15 +132,6 @@ def restore_inertias(model: Any, robot: Robot) -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def body_names(robot: Robot) -> tuple[str, ...]:
-    """Return the name of the link that each joint moves, the base's first."""
-    names: dict[int, str] = {}
-    for frame in robot.model.frames:
-        if frame.type == pinocchio.FrameType.BODY and frame.parentJoint not in names:
-            names[frame.parentJoint] = frame.name
-    return tuple(names.get(j, robot.model.names[j]) for j in range(ROOT, robot.model.njoints))
-
-
 # ---- the mechanism
 
 
@@ -150,6 +142,8 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
     names = body_names(robot)
     for j in range(ROOT, model.njoints):
         place, inertia = model.jointPlacements[j], model.inertias[j]
+        if j == ROOT and robot.base == "fixed":
+            place = pinocchio.SE3.Identity()
         parent = spec.worldbody if j == ROOT else bodies[model.parents[j]]
         body = parent.add_body(name=names[j - ROOT], pos=place.translation, quat=quaternion(place.rotation))
         about_com = inertia.inertia
@@ -159,7 +153,8 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
         body.fullinertia = about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         bodies[j] = body
         if j == ROOT:
-            body.add_freejoint(name=model.names[j])
+            if robot.base == "free":
+                body.add_freejoint(name=model.names[j])
             continue
         i = j - ROOT - 1
         subspace = robot.joint_axis(j)
@@ -181,7 +176,7 @@ def _add_bodies(mujoco: Any, spec: Any, robot: Robot, joint_limits: bool) -> dic
 
 def _add_motors(mujoco: Any, spec: Any, robot: Robot) -> None:
     """Add a torque actuator for each joint, in state order."""
-    for name, limit in zip(robot.joint_names, robot.torque_limit, strict=True):
+    for name, limit in zip(robot.motor_names, robot.torque_limit[list(robot.motors)], strict=True):
         motor = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.set_to_motor()
         if np.isfinite(limit):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pinocchio
 
 from piaffe.errors import ModelError, UnknownNameError
@@ -12,6 +15,7 @@ from ..robot import ROOT
 from .known import known_robot, names
 
 _HERE = Path(__file__).parent
+_UNBOUNDED = "1e9"  # the loader takes limits above 1e6 as none
 
 
 def locate(name_or_path: str | Path) -> tuple[Path, tuple[str, ...]]:
@@ -27,7 +31,7 @@ def locate(name_or_path: str | Path) -> tuple[Path, tuple[str, ...]]:
         if path.suffix == ".urdf":
             if not path.exists():
                 raise ModelError(f"URDF '{path}': no such file - got '{path}', expected a URDF file; check the path")
-            return path, (str(path.parent), str(path.parent.parent), str(path.parent.parent.parent))
+            return path, tuple(str(folder) for folder in list(path.resolve().parents)[:5])
         raise UnknownNameError("models.load", "robot", str(name_or_path), [*names(), "a path that ends in .urdf"])
     if (_HERE / known.urdf).exists():
         return _HERE / known.urdf, (str(_HERE),)
@@ -42,14 +46,59 @@ def locate(name_or_path: str | Path) -> tuple[Path, tuple[str, ...]]:
     return folder / known.urdf, (str(folder.parent.parent), str(folder))
 
 
-def build_model(urdf: Path) -> pinocchio.Model:
-    """Return the model of a URDF file with a floating base; fixed joints are merged into their parents."""
+def build_model(urdf: Path, locked: Mapping[str, float] | None = None) -> pinocchio.Model:
+    """Return the model of a URDF file with a floating base; fixed joints are merged into their parents.
+
+    A continuous joint becomes a revolute one without limits, so that its position is one angle.
+
+    Args:
+        urdf: the file.
+        locked: joints that do not move, and their positions [rad] or [m].
+
+    Raises:
+        ModelError: the file cannot be read.
+        UnknownNameError: there is no joint of a name in ``locked``.
+    """
     try:
-        return pinocchio.buildModelFromUrdf(str(urdf), pinocchio.JointModelFreeFlyer())
-    except (ValueError, RuntimeError) as error:
+        model = pinocchio.buildModelFromXML(urdf_text(urdf, bounded=True), pinocchio.JointModelFreeFlyer())
+    except (ValueError, RuntimeError, ElementTree.ParseError) as error:
         raise ModelError(
             f"URDF '{urdf}': cannot be read - got '{error}', expected a URDF file; see what `piaffe doctor` says of it"
         ) from error
+    if not locked:
+        return model
+    q, fixed = pinocchio.neutral(model), []
+    for name, position in locked.items():
+        if name not in list(model.names)[ROOT + 1 :]:
+            raise UnknownNameError(f"URDF '{urdf}', locked", "joint", name, list(model.names)[ROOT + 1 :])
+        if isinstance(position, bool) or not isinstance(position, int | float | np.number) or not np.isfinite(position):
+            raise ModelError(
+                f"URDF '{urdf}', locked, joint '{name}': not a position - got {position!r}, expected a finite number "
+                "[rad] or [m]; give one"
+            )
+        fixed.append(model.getJointId(name))
+        q[model.joints[fixed[-1]].idx_q] = position
+    name = model.name
+    model = pinocchio.buildReducedModel(model, fixed, q)
+    model.name = name
+    return model
+
+
+def urdf_text(urdf: Path, *, bounded: bool = False) -> str:
+    """Return the text of a URDF file, whatever its encoding; ``bounded`` gives continuous joints very large limits."""
+    root = ElementTree.fromstring(urdf.read_bytes())
+    for joint in root.findall("joint") if bounded else ():
+        if joint.get("type") != "continuous":
+            continue
+        joint.set("type", "revolute")
+        limit = joint.find("limit")
+        if limit is None:
+            limit = ElementTree.SubElement(joint, "limit")
+        limit.set("lower", f"-{_UNBOUNDED}")
+        limit.set("upper", _UNBOUNDED)
+        for key in ("effort", "velocity"):
+            limit.set(key, limit.get(key, _UNBOUNDED))
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def leaf_frames(model: pinocchio.Model) -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +12,24 @@ from numpy.typing import NDArray
 
 from piaffe.errors import UnknownNameError
 
+from ..doctor_urdf import Finding, finding
 from ..robot import Foot
 from .description import leaf_frames
 from .known import LEGS, KnownRobot
 
 Array = NDArray[np.float64]
+
+_NAMES = {
+    **dict.fromkeys(("FL", "LF"), ("front", "left")),
+    **dict.fromkeys(("FR", "RF"), ("front", "right")),
+    **dict.fromkeys(("HL", "LH", "BL", "RL"), ("hind", "left")),
+    **dict.fromkeys(("HR", "RH", "BR", "RR"), ("hind", "right")),
+    **dict.fromkeys(("LEFT", "L"), ("left",)),
+    **dict.fromkeys(("RIGHT", "R"), ("right",)),
+    "FRONT": ("front",),
+    **dict.fromkeys(("HIND", "REAR", "BACK"), ("hind",)),
+}
+"""Words of feet's names, and the roles that they say."""
 
 _BESIDE_M = 1e-3  # less than this from the middle is neither front nor hind, neither left nor right
 
@@ -40,6 +54,8 @@ def feet_with_roles(
     for foot in made:
         if not model.existFrame(foot.frame):
             raise UnknownNameError(f"robot '{model.name}', foot '{foot.name}'", "frame", foot.frame, leaf_frames(model))
+    if not made:
+        return ()
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, pinocchio.neutral(model))
     places = np.array([data.oMf[model.getFrameId(foot.frame)].translation[:2] for foot in made])
@@ -47,6 +63,30 @@ def feet_with_roles(
     return tuple(
         foot if foot.roles else replace(foot, roles=_roles(xy - centre)) for foot, xy in zip(made, places, strict=True)
     )
+
+
+def crossed_feet(feet: Sequence[Foot]) -> Iterator[Finding]:
+    """Yield feet whose names say another side than the one where they are, by their roles."""
+    for foot in feet:
+        named = _sides(foot.name)
+        for pair in (("front", "hind"), ("left", "right")):
+            said, found = named & set(pair), foot.roles & set(pair)
+            if said and found and said != found:
+                where, got, expected = (
+                    f"foot '{foot.name}'",
+                    f"frame '{foot.frame}', {min(found)}",
+                    f"a {min(said)} foot",
+                )
+                advice = "exchange the frames, or give roles with models.Foot"
+                yield finding("warning", where, "its name and its place differ", got, expected, advice)
+
+
+def _sides(name: str) -> set[str]:
+    """Return the roles that a foot's name says: ``FL``, ``left_toe``, ``RH_FOOT``."""
+    roles: set[str] = set()
+    for word in re.split(r"[^A-Za-z]+", name):
+        roles |= set(_NAMES.get(word.upper(), ()))
+    return roles
 
 
 def _roles(offset: Array) -> frozenset[str]:

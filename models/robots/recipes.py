@@ -57,6 +57,8 @@ def robot_from_recipe(recipe: Mapping[str, Any]) -> Robot:
         )
     feet = [Foot(name, frame, frozenset(roles)) for name, frame, roles in stored["feet"]]
     options: dict[str, Any] = {key: stored[key] for key in ("foot_radius", "poses", "name", "rotors")}
+    # recipes of earlier versions have no base, and their files were not checked
+    options |= {"base": stored.get("base", "free"), "locked": stored.get("locked"), "checked": "base" in stored}
     if "load" in stored:
         robot = load(stored["load"], feet=feet, **options)
         return replace(robot, **_limits(stored))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
+from piaffe.interrupts import check_interrupt, interruptible
 
 from ..language import (
     SCHEDULED,
@@ -57,6 +58,7 @@ RUNNING = frozenset[At]({"running"})
 RESETTING = frozenset[At]({"running", "phase_end"})
 """The values of ``at`` of terms that apply at the model's own reset."""
 NOWHERE = frozenset[At]()
+_MODES_KEPT = 500
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class _Structure:
 
 @lru_cache(maxsize=32)
 def _lower(structure: _Structure) -> LoweredMode:
+    check_interrupt()
     return lower_mode(structure.model, structure.key, structure.terms, structure.excluded)
 
 
@@ -94,6 +97,7 @@ def _lower_transition(of: _Transition) -> LoweredTransition:
     return lower_transition(of.source, of.key, of.target, of.user, of.where, of.terms, indices)
 
 
+@interruptible()
 def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -> CompiledProblem:
     """Compile a problem into flat phases.
 
@@ -163,6 +167,7 @@ class Compilation:
 
     def phase(self, i: int, spans: list[HorizonPhase]) -> CompiledPhase:
         """Return the i-th flat phase."""
+        check_interrupt()
         span = spans[i]
         segment, model = span.segment, span.model
         follower = spans[i + 1] if i + 1 < len(spans) else None
@@ -267,6 +272,8 @@ class Compilation:
         model = span.model
         key = (model, interval.piece, interval.index)
         if key not in self._modes:
+            if len(self._modes) > _MODES_KEPT:  # a controller plans along an endless motion
+                self._modes.clear()
             earlier = self.path.interval_before(interval.start) if interval.start > 0 else None
             self._modes[key] = self.resolve(model, interval.phase), self.neighbour(model, earlier)
         now, before = self._modes[key]

@@ -8,6 +8,7 @@ from functools import cache, partial
 import casadi as cs
 
 from piaffe.errors import ProblemError, UnknownNameError
+from piaffe.interrupts import check_interrupt
 
 from ..language import Constraint, Cost, Dynamics, ModelBase
 from .functions import is_smooth, make_derivatives, make_function
@@ -46,6 +47,7 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
     unbound: dict[int, str] = {}
     at_reset: list[int] = []
     for index, term in enumerate(terms):
+        check_interrupt()
         if index in excluded:
             unbound[index] = LEFT_OUT
             continue

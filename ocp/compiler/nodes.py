@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
+from piaffe.interrupts import interruptible
 
 from ..language import At, ParameterKey, PlacedPhase, Problem, Sample, model_of
 from .compile import RUNNING, Compilation, nowhere
@@ -19,6 +20,7 @@ from .timeline import HorizonPhase
 Array = NDArray[np.float64]
 
 _ENDING = frozenset[At]({"running", "end"})
+_KEPT = 500  # number of nodes before the last requested ones whose numbers are kept
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,9 @@ class NodeNumbers:
 
 
 class Nodes:
-    """The nodes of a problem with one model that has one phase for all modes; their numbers are computed on first use.
+    """The nodes of a problem with one model that has one phase for all modes; their numbers are computed on use.
+
+    Numbers of the last horizons are kept, so that memory does not grow with the motion.
 
     Node k is at time ``k dt`` since the motion's start. Node 0 has the problem's initial state.
 
@@ -51,6 +55,7 @@ class Nodes:
             the model cannot supply, or applies at phases' ends.
     """
 
+    @interruptible()
     def __init__(self, problem: Problem) -> None:
         segment = problem.schedule.segments[0]
         if len(problem.schedule.segments) > 1 or model_of(segment).cut_by_modes:
@@ -71,9 +76,9 @@ class Nodes:
                 raise nowhere(self.terms[k], [why])
         self._check_phase_ends(segment.excluded)
         self._weights = self._compilation.weights(self.mode)
-        self._rows: list[tuple[Array, Array, Array, Array]] = []
-        self._samples: list[Sample] = []
-        self._fill(1)  # so that errors in weights and bounds are raised here
+        self._rows: dict[int, tuple[Array, Array, Array, Array]] = {}
+        self._samples: dict[int, Sample] = {}
+        self._fill(0, 1)  # so that errors in weights and bounds are raised here
 
     @property
     def duration(self) -> float:
@@ -82,8 +87,9 @@ class Nodes:
 
     def running(self, first: int, count: int) -> NodeNumbers:
         """Return the numbers of ``count`` nodes as stages, from node ``first``; the last node repeats at the end."""
-        self._fill(first + count)
-        p, weight, g_mask, h_mask = (np.array(part) for part in zip(*self._rows[first : first + count], strict=True))
+        self._fill(first, count)
+        rows = [self._rows[k] for k in range(first, first + count)]
+        p, weight, g_mask, h_mask = (np.array(part) for part in zip(*rows, strict=True))
         return NodeNumbers(p, weight, g_mask, h_mask)
 
     def end(self, k: int) -> NodeNumbers:
@@ -94,7 +100,7 @@ class Nodes:
 
     def sample(self, k: int) -> Sample:
         """Return the motion's targets at node k."""
-        self._fill(k + 1)
+        self._fill(k, 1)
         return self._samples[k]
 
     def interval(self, k: int) -> PlacedPhase:
@@ -112,13 +118,19 @@ class Nodes:
 
     # ---- filling
 
-    def _fill(self, count: int) -> None:
-        missing = range(len(self._rows), count)
+    def _fill(self, first: int, count: int) -> None:
+        """Compute the numbers of ``count`` nodes from node ``first`` on, as far as missing; forget distant ones."""
+        missing = [k for k in range(first, first + count) if k not in self._rows]
         if not missing:
             return
-        self._samples += [self._sample(k) for k in range(len(self._samples), count)]
+        for k in missing:
+            self._samples[k] = self._sample(k)
         p = np.array([self._of_node(k, RUNNING) for k in missing])
-        self._rows += list(zip(p, *self._weights[0](p), strict=True))
+        self._rows |= dict(zip(missing, zip(p, *self._weights[0](p), strict=True), strict=True))
+        if len(self._rows) > 2 * _KEPT + count:
+            near = range(first - _KEPT, first + count)
+            self._rows = {k: row for k, row in self._rows.items() if k in near}
+            self._samples = {k: sample for k, sample in self._samples.items() if k in near}
 
     def _sample(self, k: int) -> Sample:
         t = self._time(k)
@@ -130,7 +142,7 @@ class Nodes:
     def _of_node(self, k: int, here: frozenset[At]) -> Array:
         t = self._time(k)
         interval = self._path.interval_at(t)
-        sample = self._samples[k] if k < len(self._samples) else self._path.sample(t, interval)
+        sample = self._samples[k] if k in self._samples else self._path.sample(t, interval)
         node = self._compilation.node(self._horizon_phase, t, interval, sample, is_end=False)
         row: Array = self._compilation.numbers.of_nodes(self.mode, self.dt, [node], interval.phase, here)[0]
         return row

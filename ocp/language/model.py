@@ -202,7 +202,7 @@ class ProblemWarning:
     Args:
         where: the declaration, with its file and line.
         text: what is likely wrong - got, expected; what to do.
-        source: the file and the line.
+        source: the file and the line; None for those of the problem.
     """
 
     where: str

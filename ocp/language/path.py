@@ -5,6 +5,8 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
+from math import inf, nextafter
 
 from .model import Sample
 from .piece import BoundReference, Piece, PlacedPhase, placed_phases
@@ -51,24 +53,45 @@ class Path:
 
     def interval_before(self, t: float) -> PlacedPhase:
         """Return the phase that ends at or contains time t; the earlier one on a boundary."""
-        return self._phases.before(t)[-1]
+        return self._phases.last_before(t)
 
     @cached_property
     def _phases(self) -> _PhasesByTime:
         return _PhasesByTime(self.pieces)
 
 
+_CYCLES = 64  # cycles of an endless piece that are listed one by one; the place of later ones is computed
+
+
 class _PhasesByTime:
-    """The phases of a motion up to the latest time that was requested; bisection finds the phase at a time."""
+    """The phases of a motion by time, in constant time and memory however late the time is.
+
+    Bisection finds a phase among those of the first cycles, which are listed on first use. In later cycles of an
+    endless piece, the phase follows from the number of the cycle.
+    """
 
     def __init__(self, pieces: tuple[Piece, ...]) -> None:
+        self._pieces = pieces
         self._rest = placed_phases(pieces)
         self._found = [next(self._rest)]
         self._starts = [self._found[0].start]
+        *earlier, last = pieces
+        self._cycle = last.cycle if last.is_endless else ()
+        self._offsets = [0.0, *accumulate(phase.duration for phase in self._cycle)]  # the last one is the period
+        self._begin = sum(piece.duration for piece in earlier) + sum(phase.duration for phase in last.once)
+        self._listed = self._begin + _CYCLES * self._offsets[-1] if self._cycle else inf
 
     def at(self, t: float) -> PlacedPhase:
+        if t > self._listed:
+            return self._later(t + SAME_TIME)
         self._extend(t)
         return self._found[max(bisect_right(self._starts, t, key=lambda start: start - SAME_TIME), 1) - 1]
+
+    def last_before(self, t: float) -> PlacedPhase:
+        if t > self._listed:
+            return self._later(nextafter(t - SAME_TIME, -inf))
+        self._extend(t)
+        return self._found[bisect_left(self._starts, t - SAME_TIME) - 1]
 
     def before(self, t: float) -> list[PlacedPhase]:
         self._extend(t)
@@ -78,3 +101,19 @@ class _PhasesByTime:
         while self._starts[-1] - SAME_TIME <= t and (interval := next(self._rest, None)):
             self._found.append(interval)
             self._starts.append(interval.start)
+
+    def _later(self, t: float) -> PlacedPhase:
+        """Return the last phase of the cycle that begins at time t or before."""
+        size, period = len(self._cycle), self._offsets[-1]
+
+        def start(count: int) -> float:  # of the phase with this number since the first cycle
+            return self._begin + (count // size) * period + self._offsets[count % size]
+
+        done = int((t - self._begin) // period)
+        count = size * done + bisect_right(self._offsets[:-1], t - self._begin - done * period) - 1
+        while start(count + 1) <= t:  # the quotient was rounded
+            count += 1
+        while start(count) > t:
+            count -= 1
+        index = len(self._pieces[-1].once) + count
+        return PlacedPhase(self._cycle[count % size], len(self._pieces) - 1, index, start(count), start(count + 1))

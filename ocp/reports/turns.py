@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import CompiledProblem
-from ..language import ProblemWarning, placed_phases, rotation
+from ..language import Cost, ProblemWarning, placed_phases, rotation
 from ..language.reference import BoundKeyframes
 
 Array = NDArray[np.float64]
@@ -45,6 +45,21 @@ def many_turns(compiled: CompiledProblem) -> Iterator[ProblemWarning]:
                 f"{abs(change[axis]) / 2 / pi:.1f} turns, in {phase.duration:g} s, expected at most {MOST_TURNS:g} "
                 f"turns; give radians ({change[axis]:.4g} degrees are {np.deg2rad(change[axis]):.4g} rad)",
                 phase.source,
+            )
+
+
+def far_angles(compiled: CompiledProblem) -> Iterator[ProblemWarning]:
+    """Yield costs whose own target is an angle of more than ``MOST_TURNS`` turns."""
+    for term in compiled.terms:
+        if not isinstance(term, Cost) or term.target is None or term.unit != "rad" or not term.target.size:
+            continue
+        worst = float(term.target.ravel()[np.argmax(np.abs(term.target))])
+        if abs(worst) > MOST_TURNS * 2 * pi:
+            yield ProblemWarning(
+                term.where,
+                f"its target is many turns - got {worst:.4g} rad, {abs(worst) / 2 / pi:.1f} turns, expected at most "
+                f"{MOST_TURNS:g} turns; give radians ({worst:.4g} degrees are {np.deg2rad(worst):.4g} rad)",
+                term.source,
             )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from ..language import ProblemWarning
 from .contradictions import contradictions, same_twice
 from .grid import few_steps
 from .reach import out_of_reach
-from .turns import many_turns, other_order
+from .turns import far_angles, many_turns, other_order
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
     """Return what is likely a mistake in a problem; solvers issue these warnings before they iterate."""
     models = dict.fromkeys(phase.mode.model for phase in compiled.phases)
     found = [warning for model in models for warning in model.warnings(compiled.path)]
-    found += [*few_steps(compiled), *many_turns(compiled), *other_order(compiled)]
+    found += [*few_steps(compiled), *many_turns(compiled), *far_angles(compiled), *other_order(compiled)]
     found += [*initial_violations(compiled), *same_twice(compiled), *contradictions(compiled)]
     found += out_of_reach(compiled)
     guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
@@ -39,7 +40,8 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
         found += half_turns(
             compiled, [stages.get(p, blank) for p in compiled.phases], [ends.get(p, blank) for p in compiled.phases]
         )
-    return list(dict.fromkeys(found))
+    placed = (each if each.source is not None else replace(each, source=compiled.source) for each in found)
+    return list(dict.fromkeys(placed))
 
 
 def initial_violations(compiled: CompiledProblem) -> list[ProblemWarning]:

@@ -13,6 +13,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 
 from piaffe.errors import SamplingError
+from piaffe.files import read_json, write_whole
 
 from .options import LearnOptions
 from .transitions import Transitions
@@ -36,9 +37,9 @@ class Checkpoints:
         record = json.loads(json.dumps({**asdict(options), "updates": None, "data": _digest(transitions)}))
         note = self.folder / "run.json"
         if note.exists():
-            _compare(self.folder, json.loads(note.read_text()), record)
+            _compare(self.folder, read_json(note, "checkpoints", "choose another folder, or delete this one"), record)
         else:
-            note.write_text(json.dumps(record, indent=1))
+            write_whole(note, json.dumps(record, indent=1).encode())
         self._manager = ocp.CheckpointManager(
             self.folder / "steps", options=ocp.CheckpointManagerOptions(max_to_keep=2, enable_async_checkpointing=False)
         )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError, SamplingError
-from piaffe.files import read_arrays, write_arrays, write_whole
+from piaffe.files import Fault, assembling, read_arrays, read_json, write_arrays, write_whole
 
 from ..controllers import ConstraintDiscount
 from ..options import Options
@@ -121,7 +121,8 @@ class Dataset:
         if not file.exists():
             write_whole(file, json.dumps(manifest, indent=1).encode())
             return
-        for path, kept, now in differences(json.loads(file.read_text()), manifest)[:1]:
+        stored = read_json(file, "dataset", "choose another folder, or delete this one")
+        for path, kept, now in differences(stored, manifest)[:1]:
             raise SamplingError(
                 f"dataset in {self.folder}: holds data of something else - got '{path}' {json.dumps(now)[:60]}, "
                 f"expected {json.dumps(kept)[:60]}; choose another folder or delete this one"
@@ -162,11 +163,16 @@ class Dataset:
         return Records(**{name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
     def _read(self, shard: int) -> dict[str, NDArray[Any]]:
-        try:
-            arrays = read_arrays(self.file(shard).read_bytes())
-            return {name: arrays[name] for name in Records.__dataclass_fields__}
-        except Exception as error:  # zipfile, zlib and NumPy raise errors of many kinds for damaged files
-            raise FileFormatError(
-                f"dataset, '{self.file(shard)}': cannot be read - got {error}, expected a shard; delete it and collect "
-                "it again"
-            ) from error
+        def refuse(fault: Fault) -> FileFormatError:
+            got = f"no {fault.got}" if isinstance(fault.got, KeyError) else fault.got
+            return FileFormatError(
+                f"dataset, '{self.file(shard)}': cannot be read - got {got}, expected a shard; delete it and "
+                "collect it again"
+            )
+
+        arrays = read_arrays(self.file(shard), refuse)
+        with assembling(refuse):
+            found = {name: arrays[name] for name in Records.__dataclass_fields__}
+            if len({len(values) for values in found.values()}) > 1:
+                raise ValueError(f"columns of {[len(values) for values in found.values()]} rows")
+            return found

@@ -5,13 +5,13 @@ from __future__ import annotations
 import ast
 import hashlib
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
+from piaffe.errors import SamplingError, UnknownNameError
+from piaffe.files import read_toml
 
 from .declared import Declared, load_declared
 from .runner import Runner
@@ -55,14 +55,7 @@ def read_study(path: Path, runners: Mapping[str, Runner] | None = None) -> Study
         UnknownNameError: a setting or a controller is unknown.
         ProblemError: the problem's file cannot be used, or raises an error for a setting.
     """
-    try:
-        given = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise FileFormatError(
-            f"study '{path}': cannot be read - got {error.strerror or error}, expected a TOML file; correct the path"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FileFormatError(f"study '{path}': is no TOML file - got {error}, expected one; correct it") from error
+    given = read_toml(path, "study")
     where = f"study '{path}'"
     if not isinstance(given.get("file"), str):
         raise SamplingError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from piaffe.errors import FileFormatError
-from piaffe.files import Fault, read_archive, write_arrays
+from piaffe.files import Fault, assembling, read_archive, write_archive
 from piaffe.simulation import Episode
 
 FORMAT = "piaffe episodes 1"
@@ -37,7 +36,7 @@ def save_episodes(path: str | Path, episodes: Mapping[str, Episode], about: Mapp
         for name, episode in episodes.items()
         for key in _ARRAYS
     }
-    write_arrays(path, {"header": np.array(json.dumps(header)), **arrays})
+    write_archive(path, header, arrays)
     return path
 
 
@@ -51,11 +50,12 @@ def load_episodes(path: str | Path) -> tuple[dict[str, Episode], dict[str, Any]]
     def refuse(fault: Fault) -> FileFormatError:
         return _refusal(path, fault.got)
 
-    header, arrays = read_archive(Path(path).read_bytes(), FORMAT, None, refuse)
-    try:
-        return {name: _episode(arrays, name, rest) for name, rest in header["episodes"].items()}, header["about"]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise _refusal(path, error) from error
+    header, arrays = read_archive(Path(path), FORMAT, None, refuse)
+    with assembling(refuse):
+        about = header["about"]
+        if not isinstance(about, dict):
+            raise ValueError(f"settings {about!r}"[:200])
+        return {name: _episode(arrays, name, rest) for name, rest in header["episodes"].items()}, about
 
 
 def _refusal(path: str | Path, got: object) -> FileFormatError:
@@ -69,4 +69,18 @@ def _refusal(path: str | Path, got: object) -> FileFormatError:
 
 def _episode(content: Mapping[str, Any], name: str, rest: Mapping[str, Any]) -> Episode:
     arrays: dict[str, Any] = {key: np.asarray(content[f"{name}/{key}"], dtype=float) for key in _ARRAYS}
-    return Episode(**arrays, **{**rest, "constraints": tuple(rest["constraints"])})
+    episode = Episode(**arrays, **{**rest, "constraints": tuple(rest["constraints"])})
+    steps, rows = len(episode.actions), len(episode.constraints)
+    expected: dict[str, tuple[int, ...]] = dict.fromkeys(("cost", "reward", "plan_ms", "effective_samples"), (steps,))
+    expected |= {"times": (steps + 1,), "violation": (rows, steps)}
+    for key, shape in expected.items():
+        if arrays[key].shape != shape:
+            raise ValueError(f"'{name}/{key}' {arrays[key].shape}, beside {steps} actions and {rows} constraints")
+    if episode.states.ndim != 2 or episode.actions.ndim != 2 or len(episode.states) != steps + 1:
+        raise ValueError(f"'{name}/states' {episode.states.shape}, beside actions {episode.actions.shape}")
+    numbers = (episode.steps, episode.distance, episode.commanded, episode.failed_rollouts)
+    if not (all(isinstance(each, int | float) for each in numbers) and isinstance(episode.fell, bool)):
+        raise ValueError(f"figures {numbers}, fell {episode.fell}"[:200])
+    if not all(isinstance(each, str) for each in episode.constraints):
+        raise ValueError(f"constraints {episode.constraints}"[:200])
+    return episode

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from piaffe.errors import SamplingError
 from piaffe.files import whole_file
+from piaffe.interrupts import deferred
 from piaffe.simulation import Episode
 
 from .records import load_episodes, save_episodes
@@ -127,8 +128,9 @@ class Study:
             SamplingError: a worker died.
         """
         failures: dict[Case, BaseException] = {}
-        waiting: dict[Future[Any], Case] = {executor.submit(task, case): case for case in self.missing(stale)}
-        left = set(waiting)
+        waiting: dict[Future[Any], Case] = {}
+        left: set[Future[Any]] = set()
+        missing = self.missing(stale)
 
         def collect(futures: Iterable[Future[Any]]) -> None:
             for future in as_completed(futures):
@@ -149,6 +151,9 @@ class Study:
                     heard(waiting[future], error)
 
         try:
+            with deferred():  # a worker that starts must be known to the executor, which waits for it at the end
+                waiting |= {executor.submit(task, case): case for case in missing}
+                left |= set(waiting)
             collect(waiting)
         except KeyboardInterrupt:
             for future in left:

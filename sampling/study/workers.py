@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import connection, get_context, parent_process
+from multiprocessing import connection, parent_process, resource_tracker
+from multiprocessing.context import SpawnContext, SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +82,8 @@ def executor_of(kind: str, workers: int, threads: int) -> Iterator[Executor]:
     """
     if kind == "process":
         with _environment(threads):
-            pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_follow_parent)
+            resource_tracker.ensure_running()  # it unblocks Ctrl-C when it starts
+            pool = ProcessPoolExecutor(workers, mp_context=_Context(), initializer=_follow_parent)
             with pool:
                 yield pool
     elif kind.startswith(DASK):
@@ -139,11 +142,28 @@ def _environment(threads: int) -> Iterator[None]:
                 os.environ[name] = value
 
 
+class _Worker(SpawnProcess):
+    """A process that Ctrl-C does not end while it starts; it inherits what this process blocks."""
+
+    def start(self) -> None:
+        """Start the process."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Context(SpawnContext):
+    """Makes workers."""
+
+    Process = _Worker
+
+
 def _follow_parent() -> None:
     """In a worker: ignore Ctrl-C, which the parent handles, and exit when the parent has ended for any reason."""
-    import signal
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     parent = parent_process()
     assert parent is not None
 

@@ -54,6 +54,27 @@ class Network:
     head: Single
     head_bias: float
 
+    def check(self, inputs: int) -> None:
+        """Raise ValueError unless all arrays fit each other and these inputs, and are finite.
+
+        Args:
+            inputs: number of inputs.
+        """
+        expected: dict[str, tuple[int, ...]] = {"mean": (inputs,), "std": (inputs,)}
+        size = inputs
+        for i, layer in enumerate(self.layers):
+            width = layer.bias.size
+            expected |= {f"{i}/kernel": (size, width), **{f"{i}/{name}": (width,) for name in _LAYER[1:]}}
+            size = width
+        expected |= {"head": (size,), "head_bias": (1,)}
+        for name, values in self.arrays().items():
+            if values.shape != expected[name]:
+                raise ValueError(f"'{name}' {values.shape} in place of {expected[name]}")
+            if not np.all(np.isfinite(values)):
+                raise ValueError(f"'{name}' with a number that is not finite")
+        if not np.all(self.std > 0):
+            raise ValueError("'std' with a number that is not positive")
+
     @property
     def num_inputs(self) -> int:
         """Number of inputs m."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -17,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
-from piaffe.files import Fault, read_archive, write_whole
+from piaffe.files import Fault, assembling, read_archive, write_archive
 from piaffe.ocp import Nodes
 
 from ..options import Options
@@ -31,6 +29,7 @@ Array = NDArray[np.float64]
 Precision = Literal["half", "single"]
 
 FORMAT, VERSION = "piaffe-value", 1
+_HEADER = "manifest.json"
 _EXACT = ("mean", "std", "head_bias")  # stored in single precision, even if the others are in half precision
 
 
@@ -168,14 +167,11 @@ class Value:
             "format": FORMAT, "version": VERSION, "precision": precision, "hidden": self.network.hidden,
             "made_for": self.made_for, "fall": dict(self.fall), "record": self.record,
         }  # fmt: skip
-        buffer = BytesIO()
-        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-            archive.writestr(_entry("manifest.json"), json.dumps(header, indent=1))
-            for name, values in self.network.arrays().items():
-                member = BytesIO()
-                np.save(member, values if name in _EXACT else values.astype(kind))
-                archive.writestr(_entry(f"{name.replace('/', '.')}.npy"), member.getvalue())
-        write_whole(target, buffer.getvalue())
+        arrays = {
+            name.replace("/", "."): values if name in _EXACT else values.astype(kind)
+            for name, values in self.network.arrays().items()
+        }
+        write_archive(target, header, arrays, member=_HEADER)
         return target
 
 
@@ -200,10 +196,18 @@ def load_value(
         UnknownNameError: it has an input that is not a known feature.
     """
     file = Path(path)
+    refuse = _refusing(file)
     header, arrays = _read(file)
     own = {feature.name: feature for feature in features}
-    inputs = ValueInputs([own.get(name, name) for name in header["made_for"]["inputs"]])
-    value = Value(Network.from_arrays(arrays), inputs, header["made_for"], header["record"], header["fall"])
+    with assembling(refuse):
+        made_for, fall, record = (_object(header, name) for name in ("made_for", "fall", "record"))
+        limits = {str(name): float(limit) for name, limit in fall.items()}
+        sizes = [int(size) for size in _object(made_for, "inputs").values()]
+        inputs = ValueInputs([own.get(name, name) for name in made_for["inputs"]])
+        network = Network.from_arrays(arrays)
+        network.check(sum(sizes))
+        float(made_for["discount"])
+        value = Value(network, inputs, made_for, record, limits)
     if controller is not None:
         value.check(controller.nodes, controller.reward, controller.options, allow, f"value '{file}'")
     return value
@@ -215,39 +219,47 @@ def digest(path: str | os.PathLike[str]) -> str:
     The record of the learning has no effect on it: an interrupted run that was resumed gives the same digest.
     """
     header, arrays = _read(Path(path))
-    found = hashlib.sha256(json.dumps([header["made_for"], header["fall"]], sort_keys=True).encode())
+    with assembling(_refusing(Path(path))):
+        found = hashlib.sha256(json.dumps([header["made_for"], header["fall"]], sort_keys=True).encode())
     for name in sorted(arrays):
         found.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
     return found.hexdigest()
 
 
 def _read(file: Path) -> tuple[dict[str, Any], dict[str, Array]]:
+    header, arrays = read_archive(file, FORMAT, VERSION, _refusing(file), header=_HEADER)
+    return header, {name.replace(".", "/"): values for name, values in arrays.items()}
+
+
+def _refusing(file: Path) -> Callable[[Fault], FileFormatError]:
+    """Return the function that makes the error for a fault of a file."""
+
     def refuse(fault: Fault) -> FileFormatError:
-        if fault.kind in ("damaged", "headless"):
+        if fault.kind == "unreadable":
             return FileFormatError(
-                f"value '{file}': cannot be read - got {fault.got}, expected a file written by Value.save; copy or "
-                "learn it again"
+                f"value '{file}': cannot be read - got {fault.got}, expected the path of a value; correct it, or learn "
+                "one by piaffe.sampling.train_value"
+            )
+        if fault.kind in ("damaged", "headless", "inconsistent"):
+            got = f"no {fault.got}" if isinstance(fault.got, KeyError) else fault.got
+            return FileFormatError(
+                f"value '{file}': cannot be read - got {got}, expected a file written by Value.save; copy or learn it "
+                "again"
             )
         return FileFormatError(
             f"value '{file}': is not a value file that this version reads - got format {fault.format!r}, version "
             f"{fault.version}, expected '{FORMAT}' up to version {VERSION}; update Piaffe or learn it again"
         )
 
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise FileFormatError(
-            f"value '{file}': cannot be read - got {error.strerror or error}, expected the path of a value; correct "
-            "it, or learn one by piaffe.sampling.train_value"
-        ) from error
-    header, arrays = read_archive(content, FORMAT, VERSION, refuse, header="manifest.json")
-    return header, {name.replace(".", "/"): values for name, values in arrays.items()}
+    return refuse
 
 
-def _entry(name: str) -> zipfile.ZipInfo:
-    entry = zipfile.ZipInfo(name)  # with the date 1980, so that equal values give equal files
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    return entry
+def _object(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return an entry that is an object; raise KeyError or ValueError if it is missing or something else."""
+    found = values[name]
+    if not isinstance(found, dict):
+        raise ValueError(f"'{name}' {found!r}, which is no object"[:200])
+    return found
 
 
 def _brief(value: Any) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SolverError
+from piaffe.interrupts import interruptible
 from piaffe.ocp import (
     CompiledProblem,
     Problem,
@@ -54,6 +55,7 @@ class MSiLQR:
         ProblemError: the problem does not compile, or a model of it has no derivatives.
     """
 
+    @interruptible()
     def __init__(
         self,
         problem: Problem | CompiledProblem,

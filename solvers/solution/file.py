@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError
-from piaffe.files import Fault, read_archive, write_arrays
+from piaffe.files import Fault, assembling, read_archive, write_archive
 from piaffe.ocp import Block, Manifold, PhaseTrajectory, Quantity, Trajectory, Violation
 
 from .parts import PhaseSolution
@@ -78,10 +77,14 @@ def write(solution: Mapping[str, Any], path: Path) -> Path:
         "search": None if solution["search"] is None else solution["search"].to_json(),
         **{name: solution[name] for name in _NUMBERS},
     }  # fmt: skip
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    path = path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
-    write_arrays(path, arrays)
+    path = target(path)
+    write_archive(path, header, arrays)
     return path
+
+
+def target(path: Path) -> Path:
+    """Return the path with ``.npz`` added if it is missing."""
+    return path if path.suffix == ".npz" else path.with_name(path.name + ".npz")
 
 
 def _error(path: Path, what: str, got: object, expected: str, advice: str) -> FileFormatError:
@@ -100,22 +103,18 @@ def read(path: Path) -> dict[str, Any]:
     def refuse(fault: Fault) -> FileFormatError:
         return _refusal(path, fault)
 
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise refuse(Fault("damaged", error)) from error
-    header, data = read_archive(content, FORMAT, VERSION, refuse)
-    try:
+    header, data = read_archive(path, FORMAT, VERSION, refuse)
+    with assembling(refuse):
         return _assemble(header, data)
-    except KeyError as error:
-        raise _error(path, "incomplete", f"no {error}", "every array of the header", _AGAIN) from error
-    except (IndexError, TypeError, ValueError, AttributeError) as error:
-        raise _error(path, "inconsistent", error, f"what version {VERSION} describes", _AGAIN) from error
 
 
 def _refusal(path: Path, fault: Fault) -> FileFormatError:
     """Return the error of a file that is damaged or is not a solution."""
-    if fault.kind == "damaged":
+    if fault.kind == "inconsistent":
+        if isinstance(fault.got, KeyError):
+            return _error(path, "incomplete", f"no {fault.got}", "every array of the header", _AGAIN)
+        return _error(path, "inconsistent", fault.got, f"what version {VERSION} describes", _AGAIN)
+    if fault.kind in ("damaged", "unreadable"):
         return _error(path, "truncated or not an archive", fault.got, "a .npz saved by Piaffe", _AGAIN)
     if fault.kind == "newer":
         return _error(path, "written by a newer Piaffe", fault.got, f"at most {VERSION}", "upgrade Piaffe")
@@ -126,6 +125,22 @@ def _refusal(path: Path, fault: Fault) -> FileFormatError:
 
 def _record(values: dict[str, Any]) -> Record:
     return Record(**{**values, "iteration": int(values["iteration"])})
+
+
+def _check_shapes(where: str, part: PhaseTrajectory, policy: PhaseSolution) -> None:
+    """Raise ValueError if the arrays of a phase do not fit each other."""
+    n, nx, ndx, nu = len(part.controls), part.state.nx, part.state.ndx, part.control.nx
+    expected = {
+        "feedforward": (n, nu), "feedback": (n, nu, ndx), "V_x": (n + 1, ndx), "V_xx": (n + 1, ndx, ndx),
+        "Q_x": (n, ndx), "Q_u": (n, nu), "Q_xx": (n, ndx, ndx), "Q_ux": (n, nu, ndx), "Q_uu": (n, nu, nu),
+        "defects": (n + 1, ndx), "target_states": (n + 1, nx),
+    }  # fmt: skip
+    found = {name: getattr(policy, name) for name in expected}
+    expected |= {"times": (n + 1,), "states": (n + 1, nx), "controls": (n, nu)}
+    found |= {name: getattr(part, name) for name in ("times", "states", "controls")}
+    for name, shape in expected.items():
+        if found[name].shape != shape or found[name].dtype.kind != "f":
+            raise ValueError(f"'{where}/{name}' {found[name].shape} of {found[name].dtype}, beside {n} controls")
 
 
 def _assemble(header: dict[str, Any], data: dict[str, Array]) -> dict[str, Any]:
@@ -144,6 +159,9 @@ def _assemble(header: dict[str, Any], data: dict[str, Array]) -> dict[str, Any]:
         )  # fmt: skip
         multipliers = {name: data[f"{i}/multipliers/{name}"] for name in phase["multipliers"]}
         policies.append(PhaseSolution(**{name: data[f"{i}/{name}"] for name in _ARRAYS}, multipliers=multipliers))
+        _check_shapes(str(i), parts[-1], policies[-1])
+    if data["history"].ndim != 2:
+        raise ValueError(f"'history' {data['history'].shape}")
     history = tuple(_record(dict(zip(header["history"], map(float, row), strict=True))) for row in data["history"])
     return dict(
         status=Status[header["status"]], trajectory=Trajectory(tuple(parts)), phases=tuple(policies), history=history,

@@ -53,6 +53,10 @@ class FileFormatError(PiaffeError, ValueError):
     """A file has another format, is truncated, or was written by a newer version."""
 
 
+class FileWriteError(PiaffeError, OSError):
+    """A file cannot be written."""
+
+
 class PiaffeWarning(UserWarning):
     """A declaration is usable, but it is likely not what was meant; the message has file and line."""
 

@@ -315,7 +315,7 @@ def test_names_of_a_file_are_checked(capsys: pytest.CaptureFixture[str], tmp_pat
     for text, message in (
         ("[legs]\nFL = 'a'", "no table 'legs' is known - got it, expected [joints] and [feet]"),
         ("[joints]\nFL_hip_joint = 3", "table 'joints': is no mapping of names - got {'FL_hip_joint': 3}"),
-        ("joints", "cannot be read - got"),
+        ("joints", "is no TOML file - got"),
         ("[joints]\nFL_hop_joint = 'a'", "no joint of the robot 'FL_hop_joint'"),
         ("[feet]\nLF = 'a'", "no foot of the robot 'LF'"),
     ):

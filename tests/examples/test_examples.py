@@ -117,6 +117,26 @@ def test_the_biped_lands_where_it_should(load):
     assert load("biped").main() == pytest.approx(0.10, abs=1e-3)
 
 
+def test_the_arm_reaches_around_the_box_and_its_policy_follows(load):
+    module = load("reach")
+    assert module.main() < 1.6
+    solution = solvers.MSiLQR(module.problem).solve().raise_if_failed()
+    checked(module.problem, solution)
+    robot, centre, half = module.robot, np.array(module.CENTRE), np.array(module.HALF)
+    first, *_, last = places = [module.hand(x) for part in solution.trajectory.phases for x in part.states]
+    assert last == pytest.approx(module.GOAL, abs=1e-3)
+    assert min(np.abs((place - centre) / half).max() for place in places) > 1.0
+    straight = [np.abs((first + s * (last - first) - (0, 0, 0.1) - centre) / half).max() for s in np.linspace(0, 1, 50)]
+    assert min(straight) < 1.0, "the box is in the way of the fingers"
+    for part in solution.trajectory.phases:
+        assert np.all(np.abs(part.controls) <= robot.torque_limit + 1e-3)
+        assert np.all(part.states[:, :7] >= robot.joint_lower)
+        assert np.all(part.states[:, :7] <= robot.joint_upper)
+    run = execute(solution, module.problem, seeds=3)
+    assert run.holds, str(run)
+    assert "last error of a joint" in str(run)
+
+
 def test_the_corners_of_a_sole_are_refused_by_name(load):
     told = load("biped").soles()
     assert "redundant contact points - got L_TOE_OUT, L_HEEL_IN" in told

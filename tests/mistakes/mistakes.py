@@ -76,6 +76,12 @@ UNITS = (
             "go = ocp.Motion(ocp.Phase('go', 'roll', 400.0), ocp.Phase('on', 'roll', 800.0))\n"
             "problem = drive(motion=go, schedule=cart.until_end(dt=0.1))  # here",
             "the horizon has very many nodes - got 12000: 1200 s in steps of 0.1 s, expected at most 10000"),
+    Mistake("a target of an orientation in degrees",
+            "w = ocp.track(base.orientation, to=(0, 0, 90))  # here\nproblem = jump(objective=OBJECTIVE + w)",
+            "its target is many turns - got 90 rad, 14.3 turns"),
+    Mistake("a target of joints in degrees",
+            "w = ocp.track(joints.position, to=np.full(12, -50.0))  # here\nproblem = jump(objective=OBJECTIVE + w)",
+            "its target is many turns - got -50 rad"),
     Mistake("a height in millimetres",
             "problem = jump(ocp.Phase('stand', ALL, 0.4, pose(z=280)))  # here",
             "the base is far from the keyframe before - got 280 m in 0.4 s"),
@@ -102,6 +108,9 @@ SIGNS = (
             "box = ocp.inequality(lambda s: s.base.position[2], lower=0.4, upper=0.2)  # here\n"
             "problem = jump(limits=LIMITS + box)",
             "bounds exclude each other - got lower 0.4 above upper 0.2"),
+    Mistake("a clearance of feet that land",
+            "high = models.foot_clearance(0.05)  # here\nproblem = jump(limits=LIMITS + high)",
+            "got 'foot clearance FL lower' and 'switching FL', which the next phase's contacts need, 0.05 m apart"),
     Mistake("a keyframe below the ground",
             "problem = jump(ocp.Phase('stand', ALL, 0.4, pose(z=-HEIGHT)))  # here",
             "stance foot is not on the ground"),

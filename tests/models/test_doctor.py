@@ -53,7 +53,7 @@ CASES = [  # pattern, replacement, finding
     (LINK + r'<mass value=")', r"\1-", r"error: link 'FL_SHANK': mass is impossible - got -0.064 kg"),
     (LINK + r'<mass value=")', r"\1x", r"error: link 'FL_SHANK': <inertial> is not numeric"),
     (JOINT + r")<limit.*?/>", r"\1", r"error: joint 'FL_KFE': has no <limit> - got none"),
-    (JOINT + r'effort=")17', r"\g<1>0", r"warning: joint 'FL_KFE': torque limit is missing - got 0 Nm"),
+    (JOINT + r'effort=")17', r"\g<1>0", r"warning: joint 'FL_KFE': torque limit is zero - got 0 Nm"),
     (JOINT + r'velocity=")20', r"\g<1>0", r"warning: joint 'FL_KFE': speed limit is missing - got 0 rad/s"),
     (
         JOINT + r'effort=")17',
@@ -65,8 +65,8 @@ CASES = [  # pattern, replacement, finding
         r"\g<1>0.5",
         r"warning: joint 'FL_KFE': has too little torque to stand - got a limit of 0.5 Nm",
     ),
-    (JOINT + r'upper=")', r"\1-9", r"warning: joint 'FL_KFE': range is empty - got -3.14159 to -93.1416"),
-    (JOINT + r'type=")revolute', r"\1continuous", r"error: joint 'FL_KFE': its type is not supported - got 'contin"),
+    (JOINT + r'upper=")', r"\1-9", r"error: joint 'FL_KFE': range is reversed - got -3.14159 to -93.1416"),
+    (JOINT + r'type=")revolute', r"\1planar", r"error: joint 'FL_KFE': its type is not supported - got 'planar'"),
     (JOINT + r'axis xyz=")0 1 0', r"\g<1>0 2 0", r"warning: joint 'FL_KFE': axis is not a unit vector - got \[0.0,"),
     (JOINT + r'child link="FL_)SHANK', r"\1SHIN", r"error: joint 'FL_KFE': names a link that does not exist"),
     (r'(name="FL_HAA".*?<axis xyz=")1 0 0', r"\g<1>0 1 0", r"warning: foot 'FL': cannot move in all three di"),
@@ -127,3 +127,26 @@ def test_files_without_a_robot_are_distinguished(text, message, tmp_path):
 def test_the_worst_comes_first(tmp_path):
     severities = [f.severity for f in broken(tmp_path, (LINK + r'ixx=")0.000245', r"\1-0.000245"))]
     assert severities == sorted(severities, key=["error", "warning", "note"].index)
+
+
+def test_a_copy_of_a_known_robot_is_told_by_its_name(tmp_path):
+    notes = of(broken(tmp_path), "note")
+    assert "note: robot: equals 'mini_cheetah': models.load('mini_cheetah') has its feet, poses and limits" in notes
+    heavier = of(broken(tmp_path, (LINK + r'<mass value=")0.064', r"\g<1>0.074")), "note")
+    assert not [note for note in heavier if "equals" in note]
+
+
+def test_the_call_that_loads_the_robot_is_there_to_paste(tmp_path):
+    (entry,) = [
+        one.text for one in models.diagnose(written(tmp_path), feet=FEET, foot_radius=0.02) if one.where == "loader"
+    ]
+    assert entry.endswith("'HR': 'HR_FOOT'}, foot_radius=0.02)")
+    robot = eval(entry, {"models": models})
+    assert robot.foot_names == ("FL", "FR", "HL", "HR")
+    assert robot.foot_radius == 0.02
+
+
+def written(tmp_path):
+    urdf = tmp_path / "mine.urdf"
+    urdf.write_text(CHEETAH)
+    return urdf

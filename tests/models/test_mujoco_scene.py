@@ -159,7 +159,7 @@ def test_an_inertia_that_mujoco_cannot_hold_is_named(tmp_path):
     cheetah = models.load("mini_cheetah")
     urdf = tmp_path / "light.urdf"
     urdf.write_text(
-        cheetah.urdf.read_text().replace('<mass value="0.064"/>', '<mass value="0"/>').replace('0.000006"', '0"')
+        cheetah.urdf.read_text().replace('<mass value="0.064"/>', '<mass value="1e-16"/>').replace('0.000006"', '0"')
     )
     robot = models.load(urdf, feet=("FL_FOOT",), name="light")
     with pytest.raises(ModelError, match=r"(?s)robot 'light': MuJoCo does not compile it - .*(mass|inertia).*doctor"):

@@ -6,18 +6,18 @@ import pinocchio as pin
 import pytest
 
 from piaffe.errors import ModelError
-from piaffe.models import Robot, WholeBody, load
+from piaffe.models import Robot, WholeBody
 from piaffe.models.integrators import Integrator
 from piaffe.models.recursions import Recursion
 from piaffe.models.robot import to_pinocchio
 from piaffe.models.tree import Inertials, Point, Tree
-from tests.robots import ROBOTS
+from tests.robots import ROBOTS, load
 
 WORLD = pin.LOCAL_WORLD_ALIGNED
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
-@pytest.fixture(scope="module", params=ROBOTS)
+@pytest.fixture(scope="module", params=[*ROBOTS, "crane"])
 def robot(request: pytest.FixtureRequest) -> Robot:
     return load(request.param)
 
@@ -115,18 +115,21 @@ def test_mass_matrix_is_the_derivative_of_inverse_dynamics(robot: Robot) -> None
     np.testing.assert_allclose(by_composites.full(), by_derivative.full(), atol=1e-12 * robot.mass)
 
 
-def test_derivatives_on_the_manifold_match_finite_differences() -> None:
-    body = WholeBody(load("mini_cheetah"))
+@pytest.mark.parametrize("name", ["mini_cheetah", "crane", "panda"])
+def test_derivatives_on_the_manifold_match_finite_differences(name: str) -> None:
+    body = WholeBody(load(name))
+    nu, nf = body.control.nx, body.num_feet
     nx, ndx, nz = body.state.nx, body.state.ndx, body.implicit_size("contact")
-    x, u, z, p = cs.SX.sym("x", nx), cs.SX.sym("u", 12), cs.SX.sym("z", nz), body.symbols()
+    x, u, z, p = cs.SX.sym("x", nx), cs.SX.sym("u", nu), cs.SX.sym("z", nz), body.symbols()
     dx, slots = cs.SX.sym("dx", ndx), list(p.values())
     residual = body.dynamics("contact", x, u, z, p).implicit
     slope = cs.jacobian(cs.substitute(residual, x, body.state.nudge(x, dx)), dx)
     value = cs.Function("r", [x, u, z, *slots], [residual])
     derivative = cs.Function("r_x", [x, u, z, *slots], [cs.substitute(slope, dx, cs.SX.zeros(ndx))])
     rng = np.random.default_rng(4)
-    numbers = [*body.numbers(contact=[1, 0, 1, 0.5]).values(), 0.01]
-    at, rest = random_state(body.robot, rng), (rng.normal(size=12), rng.normal(size=nz), *numbers)
+    numbers = [*body.numbers(contact=[1, 0, 1, 0.5][:nf]).values(), 0.01]
+    at = random_state(body.robot, rng) if body.robot.base == "free" else rng.normal(size=nx)
+    rest = (rng.normal(size=nu), rng.normal(size=nz), *numbers)
     h = 1e-6
     ends = [[value(body.state.np_plus(at, s * h * e), *rest).full().ravel() for e in np.eye(ndx)] for s in (1, -1)]
     expected = (np.array(ends[0]) - np.array(ends[1])).T / (2 * h)
@@ -164,11 +167,11 @@ def test_fixed_base_is_refused() -> None:
 @pytest.mark.parametrize(
     ("joint", "message"),
     [
-        (pin.JointModelPZ(), "got a sliding joint, expected a revolute one"),
+        (pin.JointModelHZ(0.1), "got a joint that turns and slides, expected one of both"),
         (pin.JointModelRUBZ(), "got nq 2, expected a revolute joint"),
     ],
 )
-def test_joints_that_do_not_revolve_are_refused(joint: pin.JointModel, message: str) -> None:
+def test_joints_that_are_neither_revolute_nor_prismatic_are_refused(joint: pin.JointModel, message: str) -> None:
     model = pin.Model()
     model.name = "crane"
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")

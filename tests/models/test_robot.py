@@ -211,12 +211,16 @@ def test_loading_says_what_is_missing(cheetah, tmp_path):
         models.load("mini_cheetah", foot_radius=-0.1)
 
 
-def test_a_continuous_joint_is_refused_by_name(cheetah, tmp_path):
+def test_a_continuous_joint_is_a_revolute_one_without_limits(cheetah, tmp_path):
     urdf = tmp_path / "wheels.urdf"
     text = cheetah.urdf.read_text().replace('name="FL_KFE" type="revolute"', 'name="FL_KFE" type="continuous"')
     urdf.write_text(text)
-    with pytest.raises(ModelError, match=r"joint 'FL_KFE': not a single angle - got JointModelRUB.*expected 1 and 1"):
-        models.load(urdf, feet=("FL_FOOT",))
+    robot = models.load(urdf, feet=("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"))
+    assert (robot.model.nq, robot.model.nv) == (19, 18)
+    assert (robot.joint_lower[2], robot.joint_upper[2]) == (-np.inf, np.inf)
+    assert (robot.torque_limit[2], robot.joint_speed_limit[2]) == (17.0, 20.0)
+    assert robot.joint_upper[5] == pytest.approx(pi)
+    assert robot.joint_axis(4) == pytest.approx(cheetah.joint_axis(4))
 
 
 def test_the_visual_geometry_of_mini_cheetah_is_made_of_primitives(cheetah):

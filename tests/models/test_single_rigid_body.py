@@ -5,7 +5,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe import ocp
+from piaffe.errors import ModelError, ProblemError, ShapeError, UnknownNameError
 from piaffe.models import SingleRigidBody, base, feet, load, stance
 from piaffe.models.integrators import Integrator
 from piaffe.ocp.language.model import Node
@@ -112,3 +113,29 @@ def test_wrong_arguments_are_refused(body: SingleRigidBody) -> None:
         SingleRigidBody(body.robot, mass=-1)
     with pytest.raises(ModelError, match=r"models\.SingleRigidBody: not a robot - got 'solo12', expected what models"):
         SingleRigidBody("solo12")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("mass", -1.0, "numbers > 0"),
+        ("mass", 0.0, "numbers > 0"),
+        ("inertia", [1.0, 1.0, -1.0, 0.0, 0.0, 0.0], "an inertia with positive principal values"),
+        ("inertia", [1.0, 1.0, 1.0, 2.0, 0.0, 0.0], "an inertia with positive principal values"),
+    ],
+)
+def test_numbers_that_are_refused_as_arguments_are_refused_as_parameters(name, value, expected):
+    robot = load("mini_cheetah")
+    with pytest.raises(ModelError):
+        SingleRigidBody(robot, **{name: value})
+    model = SingleRigidBody(robot, name="block")
+    problem = ocp.Problem(
+        ocp.Motion(ocp.Phase("stand", "FL FR HL HR", 0.3)),
+        model.until_end(dt=0.1),
+        ocp.Objective(ocp.regularize(feet.force, weight=1e-4)),
+        initial=model.state(),
+    )
+    with pytest.raises(ProblemError, match=expected):
+        problem.with_parameters({f"block.{name}": value})
+    with pytest.raises(ProblemError, match=expected):
+        ocp.compile_problem(problem).with_parameters({f"block.{name}": value})

@@ -100,3 +100,16 @@ def test_constraints_that_do_not_hold_at_the_start_are_not_reported():
             ocp.inequality(lambda s: s.z, lower=-1.0),
         )
     )
+
+
+def test_a_warning_of_a_model_without_a_place_gets_that_of_the_problem():
+    class Warned(ocp.Model):
+        def warnings(self, path):
+            return [ocp.ProblemWarning("model 'ball'", "is red - got red, expected green; paint it")]
+
+    ball = Warned("ball", state={"z": 1}, control={"push": 1}, modes={"fall": lambda s: {"z": s.push}})
+    motion = ocp.Motion(ocp.Phase("drop", "fall", 0.4))
+    problem = ocp.Problem(motion, ball.until_end(dt=0.1), ocp.Objective(ocp.regularize("push")), initial=[1.0])
+    (warning,) = problem.warnings()
+    assert str(warning) == "model 'ball': is red - got red, expected green; paint it"
+    assert warning.source == problem.source

@@ -1,6 +1,7 @@
 """Files of solutions: everything comes back, nothing half-written stays, and what is no solution is refused clearly."""
 
 import json
+import os
 import stat
 from dataclasses import fields
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from piaffe import ocp
-from piaffe.errors import FileFormatError
+from piaffe.errors import FileFormatError, FileWriteError
 from piaffe.solvers import MSiLQR, Options, PhaseSolution, Solution, Violation
 from piaffe.solvers.solution import file as solution_file
 
@@ -103,16 +104,20 @@ def test_arrays_are_plain_numpy(saved: Path) -> None:
 
 @pytest.mark.parametrize("error", [OSError("no space left"), KeyboardInterrupt()])
 def test_write_that_breaks_off_leaves_the_old_file(
-    solution: Solution, saved: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+    solution: Solution,
+    saved: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path_factory: pytest.TempPathFactory,
+    error: BaseException,
 ) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path_factory.mktemp("rescued")))
     before = saved.read_bytes()
 
-    def half(stream, **arrays: object) -> None:
-        stream.write(b"half of a file")
+    def half(descriptor: int) -> None:
         raise error
 
-    monkeypatch.setattr(np, "savez_compressed", half)
-    with pytest.raises(type(error)):
+    monkeypatch.setattr(os, "fsync", half)
+    with pytest.raises(OSError if isinstance(error, OSError) else type(error)):
         solution.save(saved)
     assert saved.read_bytes() == before
     assert [p.name for p in saved.parent.iterdir()] == [saved.name]
@@ -125,8 +130,11 @@ def test_broken_rename_leaves_the_old_file(solution: Solution, saved: Path, monk
         raise PermissionError("no")
 
     monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(PermissionError):
+    with pytest.raises(FileWriteError, match="cannot be written - got no, expected .* holds the content") as caught:
         solution.save(saved)
+    kept = Path(str(caught.value).split("move '")[1].split("'")[0])
+    assert_equal(Solution.load(kept), solution)
+    kept.unlink()
     assert saved.read_bytes() == before
     assert [p.name for p in saved.parent.iterdir()] == [saved.name]
 

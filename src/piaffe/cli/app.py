@@ -10,8 +10,9 @@ import typer
 
 from piaffe import __version__
 from piaffe.errors import PiaffeError
+from piaffe.interrupts import interruptible
 
-from .arguments import FAILED, REFUSED
+from .arguments import FAILED, INTERRUPTED, REFUSED
 from .cache import cache
 from .doctor import doctor
 from .export import export
@@ -39,7 +40,13 @@ def main(arguments: list[str] | None = None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     show = "--traceback" in words or bool(os.environ.get("PIAFFE_TRACEBACK"))
     try:
-        code = app([word for word in words if word != "--traceback"], prog_name="piaffe", standalone_mode=True)
+        with interruptible():
+            code = app([word for word in words if word != "--traceback"], prog_name="piaffe", standalone_mode=True)
+    except KeyboardInterrupt:
+        if show:
+            raise
+        terminal(stderr=True).print("interrupted")
+        return INTERRUPTED
     except SystemExit as end:
         return int(end.code or 0) if isinstance(end.code, int | None) else FAILED
     except (PiaffeError, OSError) as error:

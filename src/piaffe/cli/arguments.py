@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-FAILED, REFUSED = 1, 2
-"""Exit codes: the result of the command is negative (not converged, not verified); an error stopped the command."""
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
+"""Exit codes: a negative result (not converged, not verified); an error stopped the command; Ctrl-C was pressed."""
 
 File = Annotated[
     str, typer.Argument(metavar="FILE[:name]", help="Python file with `problem`, or another name after a colon.")

@@ -119,6 +119,7 @@ def mpc(
     from rich.console import Console
 
     from piaffe.codegen import available_cores
+    from piaffe.files import check_destination
 
     from .online import OnlineSetup
     from .online_names import names_of
@@ -126,6 +127,9 @@ def mpc(
     from .online_settings import OnlineSettings, friction_of
     from .online_task import OnlineTask
 
+    for path in (video, plot):
+        if path is not None:
+            check_destination(path)
     settings = OnlineSettings(
         low=low, qp=qp, gains=gains, seconds=seconds, latency=latency, push=" ".join(push or ()),
         command=" ".join(command or ()), payload=payload, plant=None if plant is None else str(plant),

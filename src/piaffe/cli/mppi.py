@@ -98,6 +98,12 @@ def mppi(
 
         require_picture(plot)
 
+    from piaffe.files import check_destination
+
+    for path in (video, plot, save):
+        if path is not None:
+            check_destination(path)
+
     from piaffe.sampling import complete, load_declared, prepare, save_episodes
     from piaffe.viz import progress_bars
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
 from piaffe.errors import FileFormatError, ModelError
+from piaffe.files import read_toml
 
 from .online_settings import COMMANDS
 
@@ -32,12 +32,7 @@ def names_of(file: Path | None, joints: Iterable[str], feet: Iterable[str]) -> d
 
 
 def _read(file: Path) -> dict[str, dict[str, str]]:
-    try:
-        given = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise FileFormatError(
-            f"names '{file}': cannot be read - got {error}, expected a TOML file; correct it"
-        ) from error
+    given = read_toml(file, "names")
     for kind, table in given.items():
         if kind not in ("joints", "feet"):
             raise FileFormatError(

@@ -19,9 +19,13 @@ def plot(
     dpi: Annotated[int, typer.Option(min=30, max=600, help="Pixels per inch.")] = 150,
 ) -> None:
     """Draw base, joints, torques with limits, forces with friction cones, contacts, defects and convergence."""
+    from piaffe.files import check_destination
     from piaffe.solvers import Solution
     from piaffe.viz import plot as draw
+    from piaffe.viz import require_picture
 
+    require_picture(output)
+    check_destination(output)
     print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")
 
 
@@ -56,9 +60,11 @@ def video(
     pictures_only = is_sheet(output)
     gl.prepare()  # before MuJoCo is imported
 
+    from piaffe.files import check_destination
     from piaffe.solvers import Solution
     from piaffe.viz import Playback, Studio, sheet, write
 
+    check_destination(output)
     playback = Playback(Solution.load(solution))
     cuts, result = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
     if result:

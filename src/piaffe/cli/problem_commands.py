@@ -33,6 +33,11 @@ def solve(
     backend: Annotated[str, typer.Option(help="native (compiled C) or numpy (the readable reference).")] = "native",
 ) -> None:
     """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
+    if save is not None:
+        from piaffe.files import check_destination
+
+        check_destination(save)
+
     from piaffe.ocp import load_problem
     from piaffe.solvers import Options, Solution
     from piaffe.viz import LiveTable, start_solver
@@ -51,12 +56,13 @@ def solve(
         with LiveTable(settings) as table:
             solution = solver.solve(start, progress=table)
     wall_s = time.perf_counter() - began
-    saved = None if save is None else solution.save(save)
     if json:
         print(as_json(solution_values(solution, wall_s)))
     else:
         print_solution(terminal(), solution, wall_s)
-        if saved is not None:
+    if save is not None:  # after the summary, which is not lost if the disk is full by now
+        saved = solution.save(save)
+        if not json:
             print(f"saved {saved}")
     raise typer.Exit(0 if solution.converged else FAILED)
 

@@ -36,6 +36,7 @@ def study(
     Every finished episode is saved; a later call runs only the missing ones. Exit code 1 if an episode fails.
     """
     from piaffe.codegen import available_cores
+    from piaffe.files import check_destination
     from piaffe.sampling import (
         FileTask,
         Study,
@@ -66,6 +67,7 @@ def study(
     if dry_run:
         try_controllers(declared)
         raise typer.Exit(0)
+    check_destination(folder / "episodes.parquet")
     cores = available_cores()
     count = workers or cores
     threads = max(1, cores // count)

@@ -30,4 +30,7 @@ from .snippets import run_in_parallel as run_in_parallel
 from .sources import LazySources as LazySources
 from .sources import Sources as Sources
 from .symbols import defined_symbols as defined_symbols
+from .trust import CacheError as CacheError
+from .trust import CacheWarning as CacheWarning
+from .trust import NoFolderError as NoFolderError
 from .worker import Worker as Worker

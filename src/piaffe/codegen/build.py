@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -14,10 +15,11 @@ from piaffe import __version__
 from piaffe.errors import SolverError
 
 from .cache import LIBRARY, Cache, Entry
-from .compilers import Compiler, candidates, working
+from .compilers import NOEXEC, Compiler, candidates, working
 from .cpu import Cpu, available_cores, this_cpu
-from .processes import Runner
+from .processes import CompileError, Runner
 from .sources import LazySources, Sources
+from .trust import CacheError, NoFolderError, is_private, private_folder
 
 VERSION = "2"
 """Part of every key; increase it when a change of this module changes the compiled code."""
@@ -30,6 +32,8 @@ EXPRESSION_FLAGS = ("-O1", "-fexpensive-optimizations", *_EXACT, "{native}")
 """
 SOLVER_FLAGS = ("-O3", *_EXACT, "{native}")
 """Flags for the templates, whose loops have constant bounds."""
+
+_FULL = ("No space left on device", "Disk quota exceeded")  # in the output of a compiler whose disk is full
 
 Progress = Callable[[int, int, str], None]
 """Called with the number of finished steps, the number of all steps, and the name of the last finished step.
@@ -117,16 +121,15 @@ def build(
         version: of the template; part of the key.
         label: purpose of the library, shown in the list of the cache.
         progress: called before the first unit, and after each unit.
-        cache: the cache; by default the user's.
+        cache: the cache; by default the user's, and a temporary folder, with a warning, if that cannot be written.
 
     Raises:
         CompileError: a unit does not compile, or the link fails.
-        NoCompilerError: no compiler works on this machine.
-        SolverError: the arguments contradict each other, or the cache cannot be written.
+        NoCompilerError: no compiler works on this machine, or there is no folder for the library.
+        SolverError: the arguments contradict each other.
+        CacheError: the cache that was passed cannot be written.
     """
     began = time.perf_counter()
-    cpu = this_cpu()
-    cache = cache or Cache()
     if isinstance(units, LazySources):
         if headers or flags_per_unit:
             raise SolverError(
@@ -137,8 +140,30 @@ def build(
     else:
         given = Sources(tuple(units), dict(headers or {}), dict(flags_per_unit or {}))
         sources = LazySources(given.parts, lambda: given)
-    checked = _checked_width(cpu.vector_width if width is None else width)
+    checked = _checked_width(this_cpu().vector_width if width is None else width)
     recipe = _Recipe(sources, tuple(flags), tuple(link), checked, version)
+    if cache is not None:
+        return _built(recipe, cache, label, progress, began)
+    cache = Cache()
+    try:
+        return _built(recipe, cache, label, progress, began)
+    except CacheError as error:
+        if is_private(cache.folder):
+            raise _no_folder(error) from error
+        other = Cache(private_folder(str(error)))
+    try:
+        return _built(recipe, other, label, progress, began)
+    except CacheError as error:
+        raise _no_folder(error) from error
+
+
+def _no_folder(error: CacheError) -> NoFolderError:
+    return NoFolderError(f"native backend: no folder for compiled libraries - {error}")
+
+
+def _built(recipe: _Recipe, cache: Cache, label: str, progress: Progress | None, began: float) -> Built:
+    """Return a library from a cache, or compile it into the cache."""
+    cpu = this_cpu()
 
     def result(entry: Entry, key: str, compiler: Compiler, built: bool) -> Built:
         seconds = time.perf_counter() - began
@@ -150,7 +175,7 @@ def build(
             return result(entry, key, compiler, False)
     compiler = working()
     key = recipe.key(compiler, cpu)
-    made = sources.make()
+    made = recipe.sources.make()
     steps = len(made.units) + 1
 
     def waiting() -> None:
@@ -160,7 +185,15 @@ def build(
     with cache.building(key, waiting) as folder:
         if (entry := cache.find(key, cpu)) is not None:  # another process has built it in the meantime
             return result(entry, key, compiler, False)
-        library = _compile(recipe, made, compiler, cpu, folder, progress)
+        try:
+            library = _compile(recipe, made, compiler, cpu, folder, progress)
+        except CompileError as error:
+            if any(text in error.output for text in _FULL):
+                raise CacheError(
+                    f"cache '{cache.folder}': cannot be written - got a full disk while compiling, expected free "
+                    "space; free some, or set PIAFFE_CACHE to another folder"
+                ) from error
+            raise
         about = {
             "cpu": cpu.fingerprint, "cpu_name": cpu.name, "compiler": compiler.version, "width": recipe.width,
             "units": len(made.units), "label": label, "seconds": time.perf_counter() - began, "piaffe": __version__,
@@ -173,19 +206,47 @@ def load(built: Built) -> LoadedLibrary:
 
     Raises:
         SolverError: it is damaged, built for another processor or missing, or it cannot be loaded.
+        NoFolderError: programs may run neither in its folder nor in a temporary one.
     """
-    if Cache(built.path.parent.parent).find(built.key, this_cpu()) is None:
+    entry = Cache(built.path.parent.parent).find(built.key, this_cpu())
+    if entry is None:
         got = "a file that is damaged or was built for another processor" if built.path.exists() else "no file"
         raise SolverError(f"library '{built.path}': not loaded - got {got}, expected the built file; build it again")
     try:
         library = LoadedLibrary(str(built.path))
     except OSError as error:
-        raise SolverError(
-            f"library '{built.path}': not loaded - got {error}, expected a shared library that can be executed; set "
-            "PIAFFE_CACHE to a folder on a file system without 'noexec'"
-        ) from error
+        if NOEXEC not in str(error):
+            raise SolverError(
+                f"library '{built.path}': not loaded - got {error}, expected a shared library for this machine; remove "
+                "it (piaffe cache --clear) and build it again"
+            ) from error
+        library = _load_elsewhere(entry)
     library.built = built
     return library
+
+
+def _load_elsewhere(entry: Entry) -> LoadedLibrary:
+    """Load a copy of a library in the temporary folder of this process: its own folder is mounted noexec.
+
+    Raises:
+        NoFolderError: the copy cannot be written or loaded, either.
+    """
+    advice = "set PIAFFE_CACHE to a folder on a file system without 'noexec'"
+    why = f"programs in the cache '{entry.folder.parent}' may not run (noexec); {advice}"
+    cache = Cache(private_folder(why))
+    key = entry.folder.name
+    try:
+        copy = cache.find(key, this_cpu())
+        if copy is None:
+            with cache.building(key) as folder:
+                shutil.copyfile(entry.library, folder / "copy.so")
+                copy = cache.store(key, folder / "copy.so", entry.manifest)
+        return LoadedLibrary(str(copy.library))
+    except (CacheError, OSError) as error:
+        raise NoFolderError(
+            f"native backend: no folder to load compiled libraries from - got {error}, expected a folder without "
+            f"'noexec'; {advice}"
+        ) from error
 
 
 def _checked_width(width: int) -> int:
@@ -244,7 +305,7 @@ def _write(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise SolverError(
+        raise CacheError(
             f"cache '{path.parent.parent.parent}': cannot be written - got {error.strerror or error}, expected space "
             "for C sources and a library; free some space, or set PIAFFE_CACHE to another folder"
         ) from error

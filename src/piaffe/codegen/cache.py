@@ -23,9 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from piaffe.errors import SolverError
-
 from .cpu import Cpu
+from .trust import CacheError, distrust, make_private, private_folder
 
 FORMAT = 1
 LIMIT = 2**30
@@ -64,25 +63,52 @@ class Entry:
 
 
 def default_folder() -> Path:
-    """Return ``$PIAFFE_CACHE/native``, or ``piaffe/native`` in the user's cache folder."""
+    """Return ``$PIAFFE_CACHE/native``, or ``piaffe/native`` in the user's cache folder.
+
+    Raises:
+        RuntimeError: the user has no home.
+    """
+    return _default()[0]
+
+
+def _default() -> tuple[Path, Path]:
+    """Return the default folder, and the last of its parents that must be safe from others."""
     own = os.environ.get("PIAFFE_CACHE", "")
     if own:
-        return Path(own).expanduser().absolute() / "native"
+        root = Path(own).expanduser().absolute()
+        return root / "native", root
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    root = given if given.is_absolute() else Path("~/.cache").expanduser()  # the standard ignores a relative path
-    return root / "piaffe" / "native"
+    if given.is_absolute():  # the standard ignores a relative path
+        return given / "piaffe" / "native", given
+    home = Path("~").expanduser()
+    return home / ".cache" / "piaffe" / "native", home
+
+
+def usable_folder() -> Path:
+    """Return the default folder; a temporary folder of this process, with a warning, if others can change it."""
+    try:
+        folder, top = _default()
+    except RuntimeError:
+        return private_folder("there is no home folder; set HOME, or PIAFFE_CACHE to a folder of your own")
+    fault = distrust(folder, top)
+    if fault:
+        return private_folder(
+            f"the cache '{folder}' is not safe, {fault}; remove it and run 'chmod go-w' on its folders, or set "
+            "PIAFFE_CACHE to a folder that only you can write"
+        )
+    return folder
 
 
 class Cache:
     """A folder of compiled libraries, shared by any number of processes.
 
     Args:
-        folder: its folder; the user's cache by default.
+        folder: its folder; by default the user's cache, or a temporary folder if others can change that.
         limit: largest size [bytes]; beyond it, the libraries with the oldest use are removed.
     """
 
     def __init__(self, folder: Path | None = None, *, limit: int = LIMIT) -> None:
-        self.folder = default_folder() if folder is None else folder
+        self.folder = usable_folder() if folder is None else folder
         self.limit = limit
 
     # ---- reading
@@ -135,11 +161,11 @@ class Cache:
             waiting: called once if this process has to wait for another one that builds the library.
 
         Raises:
-            SolverError: the folder cannot be written.
+            CacheError: the folder cannot be written.
         """
         with self._writing():
-            (self.folder / "building").mkdir(parents=True, exist_ok=True, mode=0o700)
-            (self.folder / "locks").mkdir(exist_ok=True, mode=0o700)
+            make_private(self.folder / "building")
+            make_private(self.folder / "locks")
         with self._locked(key[:2], waiting) as locked:
             self._sweep(key[:2] if locked else "")
             with self._writing():
@@ -168,11 +194,13 @@ class Cache:
                 **manifest, "format": FORMAT, "key": key, "size": library.stat().st_size, "sha256": digest,
                 "built_at": time.time(),
             }  # fmt: skip
+            library.chmod(0o700)  # the linker follows the umask
             library.replace(ready / LIBRARY)
             with (ready / MANIFEST).open("w", encoding="utf-8") as text:
                 json.dump(about, text, indent=1)
                 text.flush()
                 os.fsync(text.fileno())
+            (ready / MANIFEST).chmod(0o600)
             target = self.folder / key
             while True:
                 try:
@@ -190,7 +218,7 @@ class Cache:
         try:
             yield
         except OSError as error:
-            raise SolverError(
+            raise CacheError(
                 f"cache '{self.folder}': cannot be written - got {error.strerror or error}, expected a folder that you "
                 "may write, with free space; set PIAFFE_CACHE to another one"
             ) from error
@@ -279,6 +307,8 @@ def fault_of(entry: Entry, cpu: Cpu) -> str:
         return f"its manifest has format {about.get('format')!r}"
     if about.get("cpu") != cpu.fingerprint:
         return f"it was built for another processor ({about.get('cpu_name', 'unknown')})"
+    if fault := distrust(entry.library, entry.folder.parent) or distrust(entry.folder / MANIFEST, entry.folder):
+        return fault
     try:
         if entry.library.stat().st_size != about.get("size"):
             return "it is truncated"

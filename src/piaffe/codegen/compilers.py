@@ -42,6 +42,9 @@ sys.exit(trial(-1.5) != 24.0**0.5)
 """
 
 
+NOEXEC = "failed to map segment from shared object"  # the loader's text for a file system that is mounted noexec
+
+
 class NoCompilerError(SolverError):
     """No C compiler works on this machine."""
 
@@ -166,7 +169,11 @@ def _output(command: tuple[str, ...]) -> str:
 @cache
 def fault_of(compiler: Compiler) -> str:
     """Return in a few words why a compiler does not work on this machine; empty if it works."""
-    with tempfile.TemporaryDirectory(prefix="piaffe-") as folder:
+    try:
+        temporary = tempfile.TemporaryDirectory(prefix="piaffe-")
+    except OSError as error:
+        return f"no temporary folder: {error.strerror or error}"
+    with temporary as folder:
         source, library = Path(folder, "trial.c"), Path(folder, "trial.so")
         source.write_text(_TRIAL, encoding="utf-8")
         flags = ("-O1", this_cpu().native, "-fPIC", "-shared", "-w", *compiler.flags)
@@ -184,6 +191,8 @@ def fault_of(compiler: Compiler) -> str:
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired) as error:
             return str(error)
+    if NOEXEC in loaded.stderr:
+        return ""  # programs in the temporary folder may not run; what the compiler makes may run elsewhere
     if loaded.returncode:
         last = loaded.stderr.strip().splitlines()[-1:]
         return f"its small program does not run: {last[0] if last else f'exit code {loaded.returncode}'}"

@@ -33,7 +33,8 @@ class Trial:
     Args:
         seed: seed of the perturbed start.
         lost_at: time at which the plan was lost [s]; None if it was followed to its end.
-        position: last position error of the base [m]. orientation: its last orientation error [rad].
+        position: last position error of the base [m]. orientation: its last orientation error [rad]; with a fixed base,
+            the largest last error of a joint.
         saturated: fraction of the steps at which a torque was at its limit.
         deviations: departures from the plan, in the order of time.
     """
@@ -70,12 +71,14 @@ class Execution:
         duration: duration of the plan [s].
         friction: friction coefficient of the robot on the ground.
         perturbation: standard deviations of the starts.
+        fixed: whether the base is fixed; errors are then those of joints.
     """
 
     trials: tuple[Trial, ...]
     duration: float
     friction: float
     perturbation: Perturbation
+    fixed: bool = False
 
     @property
     def followed(self) -> int:
@@ -111,10 +114,14 @@ class Execution:
         return tuple(sorted(groups, key=lambda each: (-each[1], -each[0].size))[:count])
 
     def __str__(self) -> str:
+        if self.fixed:
+            errors = [trial.orientation for trial in self.trials]
+            last = f"a joint {np.median(errors):.4f} rad in the median, {max(errors):.4f} rad"
+        else:
+            last = f"the base {self.median_error:.3f} m in the median, {self.worst_error:.3f} m"
         return (
             f"{self.followed} of {len(self.trials)} starts followed to the end, {self.duration:.2f} s, at friction "
-            f"{self.friction:.3g}; last error of the base {self.median_error:.3f} m in the median, "
-            f"{self.worst_error:.3f} m in the worst case"
+            f"{self.friction:.3g}; last error of {last} in the worst case"
         )
 
 
@@ -168,7 +175,7 @@ def execute(
         trials.append(_trial(seed, run, stances, policy, robot))
         if progress is not None:
             progress(trials[-1])
-    return Execution(tuple(trials), policy.end - policy.start, mu, starts)
+    return Execution(tuple(trials), policy.end - policy.start, mu, starts, robot.base == "fixed")
 
 
 def declared_friction(compiled: CompiledProblem) -> float:
@@ -185,7 +192,7 @@ def declared_friction(compiled: CompiledProblem) -> float:
 def _trial(seed: int, run: PolicyRun, stances: NDArray[np.bool_], policy: Policy, robot: Robot) -> Trial:
     names = [part.name for part in policy.trajectory.phases]
     weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
-    found = deviations(run, stances[: len(run.times)], names, robot.foot_names, robot.joint_names, _LOADED * weight)
+    found = deviations(run, stances[: len(run.times)], names, robot.foot_names, robot.motor_names, _LOADED * weight)
     return Trial(seed, run.lost_at, float(run.position[-1]), float(run.orientation[-1]), run.saturated, found)
 
 
@@ -193,7 +200,7 @@ def _stances(compiled: CompiledProblem, steps: Steps, robot: Robot) -> NDArray[n
     """Return which feet are on the ground in the plan, (T, nf)."""
     return np.array([
         _contact(compiled.phases[phase], stage) for phase, stage in zip(steps.phases, steps.stages, strict=True)
-    ]).reshape(-1, len(robot.feet))  # fmt: skip
+    ]).reshape(len(steps.phases), len(robot.feet))  # fmt: skip
 
 
 def _contact(phase: CompiledPhase, stage: int) -> NDArray[np.bool_]:

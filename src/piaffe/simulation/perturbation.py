@@ -60,10 +60,13 @@ class Perturbation:
             base.linear_velocity: self.linear_velocity, base.angular_velocity: self.angular_velocity,
         }  # fmt: skip
         for quantity, deviation in deviations.items():
+            if quantity not in space.tangent_slices:  # the base is fixed
+                continue
             where = space.tangent_slices[quantity]
             delta[where] = deviation * random.standard_normal(delta[where].shape)
         near = space.np_plus(start, delta)
-        near[2] += _lowest(model, start) - _lowest(model, near)
+        if base.position in space.slices:
+            near[2] += _lowest(model, start) - _lowest(model, near)
         return near
 
 

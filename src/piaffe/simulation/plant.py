@@ -126,6 +126,7 @@ class Plant:
         noise: SensorNoise | None,
     ) -> None:
         """Set the attributes: a scene with direct torques and with the changes that were asked for."""
+        _require_legs(scene.robot)
         self.robot, self.actuators = scene.robot, actuators or Actuators()
         self.noise = noise or SensorNoise()
         self.scene = Scene(**{**vars(scene), "direct": True})
@@ -191,3 +192,14 @@ def check(timestep: float, friction: float) -> None:
         )
     if finite_number("plant", "friction", friction) < 0:
         raise ModelError(f"plant: friction is out of range - got {friction!r}, expected a number ≥ 0; change it")
+
+
+def _require_legs(robot: Robot) -> None:
+    """Raise ModelError unless the base floats and every joint has a motor."""
+    passive = [name for name in robot.joint_names if name not in robot.motor_names]
+    if robot.base == "fixed" or passive:
+        got = "a fixed base" if robot.base == "fixed" else f"joints without a motor, {passive}"
+        raise ModelError(
+            f"plant: robot '{robot.name}' is not supported - got {got}, expected a floating base and a motor at every "
+            "joint; use simulation.execute, as `piaffe verify --simulate` does"
+        )

@@ -22,7 +22,7 @@ Control = Callable[[Array, float], Array]
 """A low-level controller: the control (nu,) [Nm] of a state (nx,) at a time [s]."""
 
 LOST_M, LOST_RAD = 0.3, 1.0
-"""The plan is lost if the error of the base exceeds this, in position or in orientation."""
+"""The plan is lost if the error of the base, or of a joint of an arm, exceeds this, in position or in orientation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,8 @@ class PolicyRun:
         forces: forces on the feet in world axes (T, nf, 3) [N], in the step before each state.
         slips: how far each foot slipped on the ground (T, nf) [m], in the step before each state.
         touching: names of the parts that are no feet and touch the ground, per step; empty if none does.
-        position: position error of the base (T,) [m]. orientation: its orientation error (T,) [rad].
+        position: position error of the base (T,) [m]. orientation: its orientation error (T,) [rad]. With a fixed base,
+            zero and the largest error of a joint's position.
         full: whether each torque was at its limit, (T, nu).
         lost_at: time at which the plan was lost [s]; None if it was followed to its end.
         duration: duration of the plan [s].
@@ -111,6 +112,13 @@ def run_policy(
     return play(sampled(policy, plant.timestep), plant, policy.initial if initial is None else initial, control)
 
 
+def _errors(deviation: Array, robot: Robot) -> tuple[float, float]:
+    """Return the errors of position and orientation of a state, see :class:`PolicyRun`."""
+    if robot.base == "fixed":
+        return 0.0, float(np.abs(deviation[: robot.num_joints]).max())
+    return float(np.linalg.norm(deviation[:3])), float(np.linalg.norm(deviation[3:6]))
+
+
 class Steps(NamedTuple):
     """A policy at the steps of a simulator: u = ū + K (x ⊖ x̄), with T steps.
 
@@ -141,14 +149,14 @@ def sampled(policy: Policy, timestep: float) -> Steps:
 
 def play(steps: Steps, plant: Mujoco, initial: ArrayLike, control: Control | None = None) -> PolicyRun:
     """Simulate a sampled policy, or another controller of its plan, from a state (nx,), see :func:`run_policy`."""
-    policy, limits = steps.policy, plant.robot.torque_limit
+    policy, limits = steps.policy, plant.robot.torque_limit[list(plant.robot.motors)]
     simulated = Simulation(plant, np.array(initial, dtype=float))
     states, forces, slips, touching, errors, full = [], [], [], [], [], []
     lost = None
     for t, phase, stage, planned in zip(steps.times, steps.phases, steps.stages, steps.states, strict=True):
         part, x = policy.trajectory.phases[phase], simulated.state
         deviation = part.state.np_minus(x, planned)
-        errors.append((float(np.linalg.norm(deviation[:3])), float(np.linalg.norm(deviation[3:6]))))
+        errors.append(_errors(deviation, plant.robot))
         states.append(x)
         forces.append(simulated.foot_forces())
         slips.append(simulated.foot_slip())

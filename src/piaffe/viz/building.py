@@ -23,7 +23,7 @@ def start_solver(problem: Problem, options: Options, backend: str) -> MSiLQR:
         backend: ``"native"`` or ``"numpy"``.
     """
     console = Console(stderr=True)
-    with console.status("") as status, warnings.catch_warnings():
+    with console.status("compiling the problem") as status, warnings.catch_warnings():
         warnings.simplefilter("always", NoCompilerWarning)
         warnings.simplefilter("always", PiaffeWarning)
         others = warnings.showwarning

@@ -12,6 +12,8 @@ from piaffe.models import measures
 from .curves import Panel, feet_of, forces, friction, impulses
 from .style import AXES, BOUND, FAINT, FLIGHT, INK, LEGS, NEUTRAL, SHADES
 
+_LEGEND = 3  # largest number of entries of a legend next to each other
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -63,7 +65,7 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     axes.set_title(panel.title)
     axes.set_ylabel(f"[{panel.unit}]" if panel.unit else "")
     if panel.legend:
-        add_legend(axes, len(panel.curves))
+        add_legend(axes, min(len(panel.curves), _LEGEND))
 
 
 def add_legend(axes: Axes, columns: int) -> None:

@@ -85,7 +85,7 @@ def sheet(path: Path, studio: Studio, cut: Cut, feet: Sequence[str], *, columns:
     caption = Caption(studio.size, feet)
     with studio:
         shown = [cut.shown(float(t)) for t in times]
-        looks = follow(shown, count / (cut.end - cut.start))
+        looks = follow(shown, count / (cut.end - cut.start), studio.fixed)
         pictures = [caption.write(studio.picture(s, x), s, 1.0, cut.note) for s, x in zip(shown, looks, strict=True)]
     width, height = studio.size
     whole = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), "white")
@@ -131,17 +131,20 @@ def _pictures(studio: Studio, cuts: Sequence[Cut], caption: Caption, fps: int) -
     for cut in cuts:
         times = cut.times(fps)
         shown = [cut.shown(float(t)) for t in times]
-        for snapshot, look_at in zip(shown, follow(shown, cut.speed * fps), strict=True):
+        for snapshot, look_at in zip(shown, follow(shown, cut.speed * fps, studio.fixed), strict=True):
             yield caption.write(studio.picture(snapshot, look_at), snapshot, cut.speed, cut.note)
 
 
-def follow(shown: Sequence[Snapshot], rate: float) -> Array:
+def follow(shown: Sequence[Snapshot], rate: float, fixed: Array | None = None) -> Array:
     """Return the point in the middle of each picture, (n, 3) [m]: the smoothed path of the base.
 
     Args:
         shown: snapshots at equal time steps.
+        fixed: a point to look at, for a robot with a fixed base.
         rate: snapshots per second of motion.
     """
+    if fixed is not None:
+        return np.tile(fixed, (len(shown), 1))
     places = np.array([snapshot.qpos[:3] for snapshot in shown])
     width = max(_SMOOTH_S * max(rate, 1.0), 1.0)
     reach = int(3 * width)

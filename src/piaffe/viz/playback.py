@@ -28,7 +28,8 @@ class Snapshot:
 
     Args:
         time: time since the motion's start [s].
-        qpos: base position, unit quaternion (w, x, y, z), joint angles: MuJoCo's own layout.
+        qpos: base position, unit quaternion (w, x, y, z), joint angles: MuJoCo's own layout. With a fixed base joint
+            angles alone.
         forces: forces on the feet in world axes (nf, 3) [N]; zeros if unknown.
         phase: name of the phase.
         contact: per foot, whether it is on the ground.
@@ -93,9 +94,8 @@ class Playback:
         """Return MuJoCo's qpos of a state of phase i."""
         values = {quantity.path: value for quantity, value in part.state.unpack(state).items()}
         joints = values.get("joints.position")
-        return np.concatenate([
-            values["base.position"], values["base.orientation"], self.last_joints(i) if joints is None else joints
-        ])  # fmt: skip
+        pose = [] if self.robot.base == "fixed" else [values["base.position"], values["base.orientation"]]
+        return np.concatenate([*pose, self.last_joints(i) if joints is None else joints])
 
     def last_joints(self, i: int) -> Array:
         """Return the joint angles at the end of the last phase before i with joints; else those of standing."""

@@ -72,9 +72,20 @@ class Studio:
     ) -> None:
         self.renderer.close()
 
+    @property
+    def fixed(self) -> Array | None:
+        """The middle of a robot with a fixed base in its pose ``"stand"``, (3,) [m]; None if the base floats."""
+        return None if self.robot.base == "free" else np.asarray(np.mean(self._box(), axis=0))
+
     def _size(self) -> float:
         """Return the diagonal of the bounding box of the standing robot [m]."""
-        self.data.qpos[2], self.data.qpos[7:] = self.robot.base_height(), self.robot.pose("stand")
+        return float(np.linalg.norm(np.ptp(self._box(), axis=0)))
+
+    def _box(self) -> Array:
+        """Return the smallest and the largest corner of the bounding box of the standing robot, (2, 3) [m]."""
+        self.data.qpos[-self.robot.num_joints :] = self.robot.pose("stand")
+        if self.robot.base == "free":
+            self.data.qpos[2] = self.robot.base_height()
         self.mujoco.mj_forward(self.model, self.data)
         corners = []
         for i in np.flatnonzero(self.model.geom_bodyid):
@@ -82,7 +93,7 @@ class Studio:
             centre = self.data.geom_xpos[i] + turn @ self.model.geom_aabb[i, :3]
             half = np.abs(turn) @ self.model.geom_aabb[i, 3:]
             corners += [centre - half, centre + half]
-        return float(np.linalg.norm(np.ptp(corners, axis=0)))
+        return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
 
     def picture(self, shown: Snapshot, look_at: Array) -> NDArray[np.uint8]:
         """Return a picture of a snapshot, (height, width, 3), at the size in which it is drawn.

@@ -57,6 +57,7 @@ def test_a_thousand_random_ticks_with_an_adapting_barrier_in_c_equal_those_in_nu
 def test_random_ticks_in_c_equal_those_in_numpy(name):
     shown = run(name, 40, seed=1)
     assert shown.controls > 50
+    assert shown.limited > 0
 
 
 @pytest.mark.slow
