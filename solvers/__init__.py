@@ -7,6 +7,7 @@ from .batch import BatchPhase as BatchPhase
 from .batch import BatchSolution as BatchSolution
 from .batch import solve_batch as solve_batch
 from .export import Exported as Exported
+from .export import Measured as Measured
 from .export import export_controller as export_controller
 from .ilqr import Fixed as Fixed
 from .ilqr import LqPhase as LqPhase

@@ -96,6 +96,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "Project": "the sources of a project of C, for exports",
         "check_name": "checks the prefix of an export",
         "defined_symbols": "names in a library, for exports",
+        "run_make": "builds an export, to check it",
         "flag_groups": "units by their flags, for the build files of exports",
         "write_files": "writes the files of an export",
         "LazySources": "sources that are made only if the cache lacks them",

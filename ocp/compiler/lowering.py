@@ -87,6 +87,7 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
         rows={f"stage_{k}": names_of(v) for k, v in stage.items()}
         | {f"terminal_{k}": names_of(v) for k, v in terminal.items()},
         outputs=tuple((q, dynamics.quantities.bind(q).value.numel()) for q in dynamics.outputs),
+        output_labels=tuple(tuple(dynamics.quantities.bind(q).labels) for q in dynamics.outputs),
         bound=tuple(bound),
         unbound=unbound,
         at_reset=tuple(at_reset),

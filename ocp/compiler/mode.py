@@ -68,6 +68,7 @@ class LoweredMode:
         bound: indices of the terms with rows in this mode.
         unbound: why the other terms have none.
         at_reset: indices of the terms with rows at the model's own reset, see :class:`LoweredTransition`.
+        output_labels: per recorded quantity the names of its components.
     """
 
     model: ModelBase
@@ -81,6 +82,7 @@ class LoweredMode:
     bound: tuple[int, ...]
     unbound: Mapping[int, str]
     at_reset: tuple[int, ...] = ()
+    output_labels: tuple[tuple[str, ...], ...] = ()
 
     @property
     def state(self) -> Manifold:

@@ -2,3 +2,4 @@
 
 from .export import Exported as Exported
 from .export import export_controller as export_controller
+from .measure import Measured as Measured

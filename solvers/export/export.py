@@ -24,6 +24,7 @@ from . import interface
 from .build_files import build_values
 from .layout import Layout, layout_of
 from .manifest import LICENSE, manifest
+from .measure import Measured, measure
 from .memory import HANDOVER, ControllerMemory
 from .readme import readme
 from .record import Recorder
@@ -57,6 +58,19 @@ class Exported:
     low: LowLevel
     plan_numbers: int
 
+    def check(self, seconds: float = 10.0) -> Measured:
+        """Build the library with this machine's compiler, run its checks, and write what they find into the folder.
+
+        ``manifest.json`` and ``README.md`` get the sizes, the result of ``make check`` and the times of ``make loop``.
+
+        Args:
+            seconds: duration of the run against the clock [s].
+
+        Raises:
+            SolverError: ``make`` or the compiler fails, there is no record, or numbers differ from it.
+        """
+        return measure(self.folder, self.name, seconds)
+
     def recorder(self) -> Recorder:
         """Return planner and low level in Python, which record what they do for ``examples/main.c``."""
         return Recorder(self.mpc, self.low, self.plan_numbers)
@@ -79,8 +93,8 @@ def export_controller(
         name: of the controller in C: prefix of all names.
         options: arguments of :class:`RecedingHorizon`.
         low: makes the low level from a plan.
-        max_age: age of a state until which its plan acts [s]; by default the duration of the first model's part,
-            0.25 s at most.
+        max_age: age of a state until which its plan acts [s], more than a period and the latency; by default the
+            duration of the first model's part, at most 0.25 s or two periods and the latency.
 
     Raises:
         SolverError: the name or an age is unusable, planner or low level are not compiled, or the folder cannot be
@@ -88,9 +102,14 @@ def export_controller(
     """
     folder, given = Path(folder), dict(options or {})
     check_name(name)
-    if max_age is not None and not max_age > 0:
-        raise SolverError(f"export: max_age is out of range - got {max_age:g} s, expected a positive number; change it")
-    mpc, untouched = RecedingHorizon(problem, **given), RecedingHorizon(problem, **given)
+    mpc = RecedingHorizon(problem, **given)
+    due = mpc.period + mpc.latency
+    if max_age is not None and not max_age > due:
+        raise SolverError(
+            f"export: max_age is out of range - got {max_age:g} s, expected more than {due:g} s, a period and the "
+            "latency, after which the next plan acts; change it"
+        )
+    untouched = RecedingHorizon(problem, **given)
     plan = mpc.plan(problem.initial, 0.0)
     made = low(plan)
     tick = getattr(made, "compiled", None)
@@ -103,6 +122,12 @@ def export_controller(
     memory = ControllerMemory(untouched.compiled, tick)
     window = untouched.horizon.layout.windows[0]
     reach = np.inf if window is None else window * untouched.horizon.calendar.tick
+    oldest = min(reach, max(0.25, due + mpc.period)) if max_age is None else float(max_age)
+    if not oldest > due:
+        raise SolverError(
+            f"export: the horizon is too short - got {reach:g} s of the first model, expected more than {due:g} s, a "
+            "period and the latency, after which the next plan acts; lengthen it"
+        )
     values = {
         "CONSTANTS": interface.constants(layout, max(mpc.iterations, mpc.first_iterations)),
         "COMMAND": interface.commands(layout), "COMMAND_CODE": interface.command_code(layout),
@@ -119,7 +144,7 @@ def export_controller(
         "RELAXED": list(QpStatus).index(QpStatus.RELAXED), "FUZZ_COMMANDS": interface.fuzz_commands(layout),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
-        "MAX_AGE": interface.numbers([min(reach, 0.25) if max_age is None else max_age]),
+        "MAX_AGE": interface.numbers([oldest]),
     }  # fmt: skip
     made_files = memory.files()
     parts = [Part("solver", memory.solver), Part("horizon", memory.horizon), Part("tick", memory.tick, wide=False)]
@@ -137,7 +162,7 @@ def export_controller(
     written |= {target.replace("NAME", name): _filled(path, values, name) for path, target in _TEMPLATES.items()}
     written["README.md"] = _named(readme(layout, values), name)
     written["LICENSE"] = LICENSE
-    written["manifest.json"] = manifest(problem, values, name, given, written)
+    written["manifest.json"] = manifest(problem, layout, values, name, given, written)
     write_files(folder, written)
     return Exported(folder, name, layout, mpc, made, memory.planner.plan_numbers)
 

@@ -68,8 +68,8 @@ def fuzz_commands(layout: Layout) -> str:
 def outputs(layout: Layout) -> dict[str, str]:
     """Return the fields of an output that the model records, in C and Python, and the code that writes them."""
     declared, code, python, at = [], [], [], 0
-    for path, unit, size in layout.recorded:
-        field = path.replace(".", "_")
+    for path, unit, names in layout.recorded:
+        field, size = path.replace(".", "_"), len(names)
         declared.append(f"    double {field}[{size}]; /* {path} at these torques, world [{unit}]; 0 if damped */")
         code.append(f"    memcpy(out->{field}, did->recorded + {at}, sizeof out->{field});\n")
         python.append(f'("{field}", ct.c_double * {size}), ')
@@ -80,12 +80,22 @@ def outputs(layout: Layout) -> dict[str, str]:
 def contacts(measured: int) -> dict[str, str]:
     """Return the function that takes measured contact flags, if the low level measures contacts."""
     if not measured:
-        return {"CONTACTS": "", "CONTACTS_CODE": ""}
+        return {"CONTACTS": "", "CONTACTS_CODE": "", "CONTACTS_WORDS": "", "CONTACTS_PYTHON": ""}
     head = f"int NAME_contacts(NAME *{{}}, const double flags[{measured}])"
-    told = "/* Which feet are on the ground, 1 or 0, for the next tick. The tick's thread. */\n"
+    told = "/* Which feet are on the ground, 1 or 0, for the next ticks. The tick's thread. */\n"
     body = f"    memcpy(c->memory.readings, flags, sizeof(double) * {measured});\n"
     return {
         "CONTACTS": f"{told}{head.format('controller')};\n",
+        "CONTACTS_WORDS": (
+            "* `NAME_contacts(controller, flags)`, in the tick thread before `NAME_tick`, says which of the "
+            f"{measured} feet are on the ground, 1 or 0, in the model's order. They stay until the next call; at "
+            "first all are 0.\n"
+        ),
+        "CONTACTS_PYTHON": (
+            "    def contacts(self, flags: Any) -> int:\n"
+            '        """Say which feet are on the ground, for the next ticks."""\n'
+            f"        return int(self.c.NAME_contacts(ct.c_void_p(self._at), (ct.c_double * {measured})(*flags)))\n\n"
+        ),
         "CONTACTS_CODE": (
             f"{head.format('c')}\n{{\n    if (!c || !flags) return NAME_BAD_ARGUMENT;\n{body}    return NAME_OK;\n}}\n"
         ),

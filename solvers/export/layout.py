@@ -25,7 +25,7 @@ class Layout:
         control: names of the controls.
         positions: place of the joints' angles in the state.
         speeds: place of the joints' speeds in the state.
-        recorded: per quantity that the model records, its path, unit and size.
+        recorded: per quantity that the model records, its path, unit and the names of its components.
         lower: of the controls.
         upper: of the controls.
         commands: names of the commands, and their declared values.
@@ -36,7 +36,7 @@ class Layout:
     control: tuple[str, ...]
     positions: int
     speeds: int
-    recorded: tuple[tuple[str, str, int], ...]
+    recorded: tuple[tuple[str, str, tuple[str, ...]], ...]
     lower: Array
     upper: Array
     commands: dict[str, float]
@@ -57,7 +57,7 @@ def layout_of(mpc: RecedingHorizon, low: LowLevel, plan: Plan) -> Layout:
     phase = plan.phases[0]
     mode: LoweredMode = phase.mode
     state = tuple(
-        (f"{block.quantity.path} {label}", block.quantity.unit)
+        (f"{block.quantity.path} {label}", "" if block.quantity.kind == "rotation" else block.quantity.unit)
         for block in mode.state.blocks
         for label in (("w", *block.labels) if block.quantity.kind == "rotation" else block.labels)
     )
@@ -72,7 +72,10 @@ def layout_of(mpc: RecedingHorizon, low: LowLevel, plan: Plan) -> Layout:
             f"export: there are no speeds to damp - got model '{mode.model.name}', whose state has no speeds of its "
             "controls, expected joints; export a problem whose first model has joints"
         )
-    recorded = tuple((quantity.path, quantity.unit, size) for quantity, size in mode.outputs)
+    recorded = tuple(
+        (quantity.path, quantity.unit, labels if len(labels) == size else tuple(map(str, range(size))))
+        for (quantity, size), labels in zip(mode.outputs, mode.output_labels, strict=True)
+    )
     lower, upper = low.rows[mode].limits(phase.states[0], phase.p[0], phase.g_mask[0])
     places: dict[str, list[int]] = {}
     at = 0

@@ -7,6 +7,14 @@ from importlib.resources import files
 
 from .layout import Layout
 
+MEASURED = """## Measured
+
+Nothing yet: `piaffe export --check` builds, runs `make check` and `make loop`, and writes what they find here.
+
+"""
+"""The section that a check replaces."""
+_COMMANDS = "SI units: speeds in m/s, rates in rad/s, lengths in m.\n\n| command | declared |\n|---|---|\n"
+
 
 def readme(layout: Layout, values: Mapping[str, object]) -> str:
     """Return the text.
@@ -20,14 +28,15 @@ def readme(layout: Layout, values: Mapping[str, object]) -> str:
     limits = zip(layout.control, layout.lower, layout.upper, strict=True)
     torques = "".join(f"| {i} | {name} | {low:g} to {high:g} |\n" for i, (name, low, high) in enumerate(limits))
     recorded = "".join(
-        f"* `{path.replace('.', '_')}[{size}]`: {path} [{unit}] in the world, of these torques.\n"
-        for path, unit, size in layout.recorded
+        f"* `{path.replace('.', '_')}[{len(names)}]`: {path} [{unit or '1'}] in the world, of these torques, in the "
+        f"order {', '.join(names)}.\n"
+        for path, unit, names in layout.recorded
     )
     commands = "".join(f"| `{name}` | {value:g} |\n" for name, value in layout.commands.items())
     own = {
         "STATE": state, "TORQUES": torques, "RECORDED_WORDS": recorded,
-        "COMMAND_WORDS": f"| command | declared |\n|---|---|\n{commands}" if commands else "This motion has none.\n",
+        "MEASURED": MEASURED, "COMMAND_WORDS": f"{_COMMANDS}{commands}" if commands else "This motion has none.\n",
     }  # fmt: skip
     for key, value in {**own, **values}.items():
-        text = text.replace(f"@{key}@", str(value).rstrip("\n") if key in own else str(value))
+        text = text.replace(f"@{key}@", str(value).rstrip("\n") if key in own and key != "MEASURED" else str(value))
     return text

@@ -29,6 +29,15 @@ def test_a_folder_with_a_record_is_written(capsys: pytest.CaptureFixture[str], t
     assert json.loads((tmp_path / "c" / "manifest.json").read_text())["name"] == "trot_mpc"
 
 
+@pytest.mark.slow
+def test_check_builds_and_writes_what_it_finds(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, out, err = run(capsys, TROT, "-o", tmp_path, "--seconds", "0.1", "--check", "--json")
+    assert code == 0, err
+    told = json.loads(out)["check"]
+    assert told["bitwise"]
+    assert json.loads((tmp_path / "manifest.json").read_text())["measured"] == told
+
+
 def test_a_name_and_a_latency_are_options(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     code, out, err = run(
         capsys, TROT, "-o", tmp_path, "--name", "walker", "--latency", "0.01", "--seconds", "0.06", "--no-spread"

@@ -31,7 +31,7 @@ void NAME_forget(NAME *c)
     for (int i = 0; i < PLACES; i++) memcpy(c->told[i], declared, sizeof declared);
     memcpy(c->wanted, declared, sizeof declared);
     memcpy(c->memory.commands, declared, sizeof(double) * NUM_COMMANDS);
-    c->planned_at = c->now = -INFINITY;
+    c->planned = c->ticked = (struct times){-INFINITY, INFINITY};
     c->ready = c->waits = c->latched = 0;
     c->memory.low.plan = 0;
 }
@@ -40,7 +40,7 @@ NAME *NAME_init(void *memory, size_t size, const NAME_options *options)
 {
     const NAME_options own = options ? *options : NAME_default_options();
     if (!memory || (size_t)memory % 64 || size < NAME_memory_size()) return NULL;
-    if (!(own.max_age > 0.0) || !(own.damping >= 0.0 && own.damping < INFINITY)) return NULL;
+    if (!(own.max_age > PERIOD + LATENCY) || !(own.damping >= 0.0 && own.damping < INFINITY)) return NULL;
     if (!(own.time_limit >= 0.0 && own.time_limit < INFINITY) || own.iterations < 1 || own.iterations > NAME_MOST_ITERATIONS) return NULL;
     NAME *c = memory;
     memset(c, 0, sizeof *c);
@@ -59,11 +59,23 @@ NAME *NAME_init(void *memory, size_t size, const NAME_options *options)
     return c;
 }
 
+/* Whether to believe a time. One that is far ahead of the last one may be an error of one call: it counts if the next call agrees. */
+static int believe(struct times *times, double t, double far)
+{
+    const int agrees = t >= times->doubted - SAME_TIME && t <= times->doubted + far;
+    const int right = times->last == -INFINITY || t <= times->last + far || agrees;
+    times->doubted = right ? INFINITY : t;
+    if (right && t > times->last) times->last = t;
+    return right;
+}
+
 int NAME_reset(NAME *c, const double x[NAME_NX], double t)
 {
     if (!c || !x) return NAME_BAD_ARGUMENT;
     NAME_forget(c);
-    return NAME_plan(c, x, t);
+    const int status = NAME_plan(c, x, t);
+    if (!status) c->ticked.last = t;
+    return status;
 }
 
 @COMMAND_CODE@
@@ -72,16 +84,18 @@ int NAME_reset(NAME *c, const double x[NAME_NX], double t)
 int NAME_plan(NAME *c, const double x[NAME_NX], double t)
 {
     if (!c || !x) return NAME_BAD_ARGUMENT;
-    if (!(t >= c->planned_at - SAME_TIME)) return NAME_BAD_TIME;
+    if (!isfinite(t) || t < c->planned.last - SAME_TIME) return NAME_BAD_TIME;
+    struct times planned = c->planned;
+    if (!believe(&planned, t, c->options.max_age)) return c->planned.doubted = t, NAME_BAD_TIME;
     if (receive(&c->commands)) use_next(&c->commands);
     memcpy(c->memory.commands, c->told[c->commands.acting], sizeof(double) * NUM_COMMANDS);
     switch (receding_plan(&c->memory.receding, x, t, &c->places[c->plans.back].plan)) {
     case PLANNED:
-        c->planned_at = t;
+        c->planned = planned;
         hand_over(&c->plans);
         return NAME_OK;
     case NOT_FINITE_STATE: return NAME_BAD_STATE;
-    case OUTSIDE: return isfinite(t) ? NAME_OUTSIDE : NAME_BAD_TIME;
+    case OUTSIDE: return NAME_OUTSIDE;
     default: return NAME_BAD_NUMBERS;
     }
 }
@@ -121,16 +135,16 @@ static void tell(const NAME *c, NAME_output *out)
     memcpy(out->joint_velocity, did->nominal + NAME_JOINT_VELOCITY, sizeof out->joint_velocity);
 @RECORDED_CODE@}
 
-
 int NAME_tick(NAME *c, const double x[NAME_NX], double t, NAME_output *out)
 {
     if (!out) return NAME_BAD_ARGUMENT;
     memset(out, 0, sizeof *out);
     out->plan_age = -1.0;
     if (!c || !x) return out->fallback = NAME_DAMPED, out->status = NAME_BAD_ARGUMENT;
-    if (!isfinite(t)) return damp(c, x, out), out->status = NAME_BAD_TIME;
-    if (t < c->now - SAME_TIME) out->status = NAME_BAD_TIME;
-    else c->now = t, take_plan(c, t);
+    if (!isfinite(t) || t < c->ticked.last - c->options.max_age || !believe(&c->ticked, t, c->options.max_age))
+        return damp(c, x, out), out->status = NAME_BAD_TIME;
+    if (t < c->ticked.last - SAME_TIME) out->status = NAME_BAD_TIME;
+    else take_plan(c, t);
     if (!c->ready) return damp(c, x, out), out->status = out->status ? out->status : NAME_NO_PLAN;
     const struct place *p = &c->places[c->plans.acting];
     out->plan_age = t - p->numbers[MEASURED_AT];
@@ -162,7 +176,7 @@ const char *NAME_status_text(int status)
 {
     static const char *const texts[] = {
         "ok", "there is no plan yet", "the plan is too old; reset the controller", "a measured number is not finite",
-        "the time is not finite, or it goes back", "numbers of the plan or of the tick are not finite",
+        "the time is not finite, goes back, or jumps ahead", "numbers of the plan or of the tick are not finite",
         "the plan would begin before or after the motion", "a command is not finite or unknown", "a pointer is null",
     };
     return status >= 0 && status < (int)(sizeof texts / sizeof *texts) ? texts[status] : "unknown";

@@ -16,7 +16,7 @@ extern "C" {
 typedef struct NAME NAME;
 
 typedef struct {
-    double max_age;               /* a plan acts until its state is this old [s] */
+    double max_age;               /* a plan acts until its state is this old [s]; more than a period and the latency */
     double damping;               /* of the joints, if there is no torque of a plan [Nm s/rad] */
     int iterations;               /* most iterations of a plan, 1 to NAME_MOST_ITERATIONS; the first one has more */
     double time_limit;            /* a plan begins no trial step after this time [s]; 0: no limit */
@@ -30,7 +30,7 @@ enum {
     NAME_NO_PLAN,        /* no plan has been made, or none begins yet */
     NAME_PLAN_TOO_OLD,   /* the plan is older than max_age; until reset */
     NAME_BAD_STATE,      /* a measured number is not finite */
-    NAME_BAD_TIME,       /* the time is not finite, or it goes back */
+    NAME_BAD_TIME,       /* the time is not finite, goes back, or jumps ahead by more than max_age for the first time */
     NAME_BAD_NUMBERS,    /* numbers of a plan or of a tick are not finite */
     NAME_OUTSIDE,        /* a plan would begin before or after the motion */
     NAME_BAD_COMMAND,    /* a command is not finite or unknown */
@@ -68,7 +68,7 @@ NAME_options NAME_default_options(void);
 /* Makes a controller in memory that is aligned to 64 bytes. NULL if there is too little, or options are out of range. */
 NAME *NAME_init(void *memory, size_t size, const NAME_options *options);
 /* Forgets plans, commands and faults, and makes the first plan, from a state that is measured at time t since the motion's start [s].
- * It takes longer than others. The other threads stand still. */
+ * It takes longer than others. The other threads stand still. The motion's time goes on when it returns. */
 int NAME_reset(NAME *controller, const double x[NAME_NX], double t);
 @CONTACTS@/* Sets commands from the next plan on. One thread. */
 int NAME_command(NAME *controller, const NAME_commands *commands);

@@ -17,6 +17,11 @@ struct place {
     Plan plan;
 };
 
+/* The times of one thread. */
+struct times {
+    double last, doubted; /* the last one that was believed; one far ahead of it, or INFINITY */
+};
+
 struct NAME {
     struct memory memory;
     struct place places[PLACES];
@@ -27,9 +32,9 @@ struct NAME {
     double told[PLACES][NUM_COMMANDS + 1];
     double wanted[NUM_COMMANDS + 1]; /* of the command thread */
     /* of the plan thread */
-    double planned_at;
+    struct times planned;
     /* of the tick thread */
-    double now;
+    struct times ticked;
     int ready, waits, latched; /* a plan acts; one waits for its start */
 };
 

@@ -32,12 +32,15 @@ def export(
     command: Annotated[
         list[str] | None, typer.Option(metavar="'vx=0.5@0'", help="Commands in this closed loop, as for piaffe mpc.")
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Build here, run make check and make loop, and write what they find to DIR.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Write FILE's receding horizon and low level as a C library that needs neither Python nor Piaffe.
 
     A module-level `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon.
-    `make -C DIR check` builds the library and replays a closed loop that was recorded here.
+    `make -C DIR check` builds the library and replays a closed loop that was recorded here; `--check` does it at once.
     """
     from rich.console import Console
 
@@ -60,15 +63,20 @@ def export(
         status.update("recording a closed loop")
         recorder = exported.recorder()
         episode = setup.episode(recorder, recorder, seed)
-    (output / "check.bin").write_bytes(recorder.file())
+        (output / "check.bin").write_bytes(recorder.file())
+        measured = None
+        if check:
+            status.update("building and checking")
+            measured = exported.check()
     if episode.fault:
         terminal().print(f"the recorded closed loop ends after {episode.end:g} s: {episode.fault}")
     if json:
-        print(as_json({"folder": str(output), "name": exported.name, "plans": recorder.plans, "ticks": recorder.ticks}))
+        told = {"folder": str(output), "name": exported.name, "plans": recorder.plans, "ticks": recorder.ticks}
+        print(as_json(told | ({} if measured is None else {"check": measured.told()})))
     else:
         terminal().print(
-            f"saved {output}: '{exported.name}', {recorder.plans} plans and {recorder.ticks} ticks to check; now: make "
-            f"-C {output} check",
+            f"saved {output}: '{exported.name}', {recorder.plans} plans and {recorder.ticks} ticks"
+            + (f" to check; now: make -C {output} check" if measured is None else f"; {measured.words()}"),
             soft_wrap=True,
         )
     raise typer.Exit(FAILED if episode.fault else 0)

@@ -13,6 +13,7 @@ from .compilers import NoCompilerWarning as NoCompilerWarning
 from .cpu import available_cores as available_cores
 from .cpu import this_cpu as this_cpu
 from .image import MemoryImage as MemoryImage
+from .make import run_make as run_make
 from .memory import AlignedMemory as AlignedMemory
 from .memory import aligned_zeros as aligned_zeros
 from .memory import shares as shares

@@ -1,6 +1,7 @@
-/* sin, cos, tan, asin, acos, atan, atan2, exp, log, pow and hypot in place of those of libm, which differ in their last bit from
- * one library to the next. Compile without contraction of products. Errors are below 2e-15, relative to the result; sin and cos
- * for |x| < 1e5. Square roots and roundings are the same everywhere, as IEEE 754 says; sinh and others remain libm's. */
+/* Functions in place of those of libm, which differ in their last bit from one library to the next: all that generated code can
+ * call, but square roots, roundings, fmod and remainder, which are exact and so the same everywhere, as IEEE 754 says. Compile
+ * without contraction of products. Errors are below 2e-15, relative to the result, or absolute where it is below 1; sin and cos for
+ * |x| < 1e5. */
 #ifndef PIAFFE_OWN_MATH_H
 #define PIAFFE_OWN_MATH_H
 
@@ -126,14 +127,93 @@ OWN_FUNCTION double own_exp(double x)
     return y * own_number((k + 1023 + 1000) << 52) * own_number((int64_t)23 << 52);
 }
 
-/* Whole powers by products, others by exp and log of a positive x. */
+/* Small whole powers by products, others by exp and log. */
 OWN_FUNCTION double own_pow(double x, double y)
 {
     const double size = fabs(y);
-    if (floor(size) != size || size > 64.0) return x == 0.0 ? (y > 0.0 ? 0.0 : INFINITY) : own_exp(y * own_log(x));
+    if (floor(size) != size || size > 64.0) {
+        if (x == 0.0) return y > 0.0 ? 0.0 : INFINITY;
+        const int whole = floor(size) == size;
+        const double power = own_exp(y * own_log(whole ? fabs(x) : x));
+        return x < 0.0 && whole && fmod(size, 2.0) == 1.0 ? -power : power;
+    }
     double power = 1.0;
     for (int i = 0; i < (int)size; i++) power *= x;
     return y < 0.0 ? 1.0 / power : power;
+}
+
+/* W. Kahan: the error of 1 + x divides out. */
+OWN_FUNCTION double own_log1p(double x)
+{
+    const double u = 1.0 + x;
+    if (u == 1.0 || u == INFINITY) return x;
+    return own_log(u) * x / (u - 1.0);
+}
+
+OWN_FUNCTION double own_expm1(double x)
+{
+    const double u = own_exp(x);
+    if (u == 1.0) return x;
+    if (u == INFINITY || u - 1.0 == -1.0) return u - 1.0;
+    return (u - 1.0) * x / own_log(u);
+}
+
+OWN_FUNCTION double own_sinh(double x)
+{
+    const double size = fabs(x);
+    if (size < 22.0) {
+        const double e = own_expm1(size);
+        return copysign(0.5 * (e + e / (e + 1.0)), x);
+    }
+    const double root = own_exp(0.5 * size); /* exp(x) may overflow */
+    return copysign(size < 709.0 ? 0.5 * own_exp(size) : 0.5 * root * root, x);
+}
+
+OWN_FUNCTION double own_cosh(double x)
+{
+    const double size = fabs(x), e = own_exp(size), root = own_exp(0.5 * size);
+    return size < 709.0 ? 0.5 * (e + 1.0 / e) : 0.5 * root * root;
+}
+
+OWN_FUNCTION double own_tanh(double x)
+{
+    const double size = fabs(x), e = own_expm1(2.0 * size);
+    return size > 22.0 ? copysign(1.0, x) : copysign(e / (e + 2.0), x);
+}
+
+OWN_FUNCTION double own_asinh(double x)
+{
+    const double size = fabs(x), square = size * size;
+    if (size > 1e8) return copysign(own_log(size) + 6.93147180559945309417e-01, x);
+    return copysign(own_log1p(size + square / (1.0 + sqrt(square + 1.0))), x);
+}
+
+OWN_FUNCTION double own_acosh(double x)
+{
+    const double over = x - 1.0;
+    if (x > 1e8) return own_log(x) + 6.93147180559945309417e-01;
+    return own_log1p(over + sqrt(2.0 * over + over * over));
+}
+
+OWN_FUNCTION double own_atanh(double x)
+{
+    const double size = fabs(x);
+    return copysign(0.5 * own_log1p(2.0 * size / (1.0 - size)), x);
+}
+
+/* A series of positive terms; for larger x the continued fraction of 1 - erf. */
+OWN_FUNCTION double own_erf(double x)
+{
+    const double size = fabs(x), square = size * size;
+    if (!(size < 6.0)) return size > 0.0 ? copysign(1.0, x) : x;
+    if (size >= 3.0) {
+        double fraction = size;
+        for (int k = 60; k > 0; k--) fraction = size + 0.5 * (double)k / fraction;
+        return copysign(1.0 - 5.64189583547756286948e-01 * own_exp(-square) / fraction, x);
+    }
+    double sum = size, term = size;
+    for (int k = 1; term > 1e-18 * sum; k++) term *= 2.0 * square / (2.0 * (double)k + 1.0), sum += term;
+    return copysign(1.12837916709551257390e+00 * own_exp(-square) * sum, x);
 }
 
 #define sin own_sin
@@ -147,4 +227,13 @@ OWN_FUNCTION double own_pow(double x, double y)
 #define log own_log
 #define pow own_pow
 #define hypot own_hypot
+#define log1p own_log1p
+#define expm1 own_expm1
+#define sinh own_sinh
+#define cosh own_cosh
+#define tanh own_tanh
+#define asinh own_asinh
+#define acosh own_acosh
+#define atanh own_atanh
+#define erf own_erf
 #endif

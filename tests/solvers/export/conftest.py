@@ -1,7 +1,10 @@
 """A trot that is exported and built once for all tests."""
 
+import fcntl
+import hashlib
 import importlib.util
 import os
+import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,14 +53,39 @@ def trot(tmp_path_factory: pytest.TempPathFactory) -> Trot:
     episode = simulation.run_online(recorder, recorder, plant, seconds=SECONDS, commands=commands)
     (folder / "check.bin").write_bytes(recorder.file())
     found = Trot(folder, ModuleType("none"), episode, exported, plant)
-    made = found.make(f"-j{len(os.sched_getaffinity(0))}", f"CFLAGS={WARNINGS}")
-    assert made.returncode == 0, made.stderr[-4000:]
-    spec = importlib.util.spec_from_file_location("exported_trot", folder / "python" / "trot.py")
+    build(found, tmp_path_factory.getbasetemp())
+    found.module = load_module(folder / "python" / "trot.py")
+    return found
+
+
+def load_module(path: Path) -> ModuleType:
+    """Return the module of Python of an exported controller."""
+    spec = importlib.util.spec_from_file_location(f"exported_{path.stem}", path)
     assert spec is not None
     assert spec.loader is not None
-    found.module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found.module)
-    return found
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def build(trot: Trot, base: Path) -> None:
+    """Build the library, or take what another process of this run has built from the same sources."""
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    digest = hashlib.sha256()
+    for path in sorted((trot.folder / "src").rglob("*.*")):
+        digest.update(path.read_bytes())
+    kept = shared / f"build_{digest.hexdigest()[:16]}"
+    with (shared / "build.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not kept.exists():
+            made = trot.make(f"-j{len(os.sched_getaffinity(0))}", f"CFLAGS={WARNINGS}", "all", "build/check")
+            assert made.returncode == 0, made.stderr[-4000:]
+            shutil.copytree(trot.folder / "build", kept)
+            return
+    shutil.copytree(kept, trot.folder / "build", copy_function=shutil.copyfile)  # newer than the sources
+    for name in ("libtrot.a", "libtrot.so", "check"):  # in the order of make
+        os.utime(trot.folder / "build" / name)
+    (trot.folder / "build" / "check").chmod(0o755)
 
 
 class InSimulation:

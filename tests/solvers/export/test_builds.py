@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from piaffe import simulation, solvers
-from tests.solvers.export.conftest import WARNINGS, Trot, vwbc
+from tests.solvers.export.conftest import HORIZONTAL, WARNINGS, Trot, load_module, vwbc
 
 pytestmark = pytest.mark.slow
 QEMU = shutil.which("qemu-aarch64-static") or shutil.which("qemu-aarch64")
@@ -46,6 +46,15 @@ def test_reproducible_builds_compute_the_same_bits(trot: Trot) -> None:
     digests = {digest(checked(trot, f"BUILD=same{i}", *build, *words)) for i, build in enumerate(builds)}
     assert len(digests) == 1
     assert digests != {digest(checked(trot))}
+    if shutil.which("nm") is not None:
+        library = str(trot.folder / "same0" / "libtrot.a")
+        told = subprocess.run(["nm", "-u", library], capture_output=True, text=True, check=True).stdout
+        needed = {line.split()[-1] for line in told.splitlines() if line.strip().startswith("U ")}
+        assert "memcpy" in needed
+        assert not needed & set(LIBM.split())
+
+
+LIBM = "sin cos tan sincos asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp expm1 log log1p pow hypot erf"
 
 
 @pytest.mark.skipif(QEMU is None or find_spec("ziglang") is None, reason="needs qemu-user and ziglang")
@@ -95,3 +104,26 @@ def test_other_planners_and_low_levels_pass_the_check(trot: Trot, tmp_path: Path
     done = subprocess.run(["make", "-j2", "-C", str(tmp_path), "check"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "bitwise equal to the record" in done.stdout
+
+
+def test_measured_contacts_are_given_in_c_and_in_python(trot: Trot, tmp_path: Path) -> None:
+    exported = solvers.export_controller(
+        trot.exported.mpc.problem, tmp_path, name="feeling",
+        low=lambda plan: solvers.Vwbc(plan, leave_out=HORIZONTAL, contacts="measured"),
+    )  # fmt: skip
+    assert "`feeling_contacts(controller, flags)`" in (tmp_path / "README.md").read_text()
+    made = subprocess.run(
+        ["make", "-j2", "-C", str(tmp_path), f"CFLAGS={WARNINGS}", "all", "build/fuzz"], capture_output=True, text=True
+    )
+    assert made.returncode == 0, made.stderr[-2000:]
+    controller = load_module(tmp_path / "python" / "feeling.py").Controller()
+    start, mpc, low = exported.mpc.initial, exported.mpc, exported.low
+    mpc.reset()
+    low.follow(mpc.plan(start, 0.0))
+    assert controller.reset(start, 0.0) == 0
+    torques = []
+    for k, flags in enumerate(([1, 0, 0, 1], [1, 1, 1, 1], [0, 0, 0, 0], [0, 0, 0, 0])):
+        assert controller.contacts(flags) == 0
+        torques.append(controller.tick(start, 0.002 * k).torque[:])
+        assert torques[-1] == low.control(start, 0.002 * k, flags).tolist()
+    assert torques[1] != torques[3]

@@ -73,6 +73,49 @@ def test_time_that_is_not_finite_or_goes_back_is_told(started: Any, x: np.ndarra
     assert started.plan(x, 0.02) == BAD_TIME
 
 
+@pytest.mark.parametrize("far", [1.0, 1e6, 1e300])
+def test_one_time_far_ahead_changes_nothing_later(started: Any, trot: Trot, far: float) -> None:
+    start, untouched = trot.exported.mpc.initial, trot.module.Controller()
+    assert untouched.reset(start, 0.0) == OK
+    for k in range(1, 40):
+        t = 0.02 * k
+        if k % 10 == 0:
+            odd = started.tick(start, t + far)
+            assert (odd.status, odd.fallback) == (BAD_TIME, DAMPED)
+            assert started.plan(start, t + far) == BAD_TIME
+        assert started.plan(start, t) == untouched.plan(start, t) == OK
+        output = started.tick(start, t)
+        assert (output.status, output.fallback) == (OK, 0)
+        assert output.torque[:] == untouched.tick(start, t).torque[:]
+
+
+def test_a_first_tick_at_an_absurd_time_does_not_latch(started: Any, x: np.ndarray) -> None:
+    assert started.tick(x, 1e9).status == BAD_TIME
+    output = started.tick(x, 0.002)
+    assert (output.status, output.fallback) == (OK, 0)
+
+
+def test_a_jump_ahead_that_is_repeated_is_believed(started: Any, x: np.ndarray) -> None:
+    assert started.tick(x, 5.0).status == BAD_TIME
+    output = started.tick(x, 5.002)
+    assert (output.status, output.fallback) == (TOO_OLD, LATE | DAMPED | LATCHED)
+    assert started.plan(x, 5.0) == BAD_TIME
+    assert started.plan(x, 5.02) == OK
+    assert started.plan(x, 5.04) == OK
+    assert started.tick(x, 5.04).fallback == DAMPED | LATCHED
+
+
+def test_a_time_far_back_damps_until_it_is_right(started: Any, x: np.ndarray) -> None:
+    for k in range(1, 30):
+        assert started.plan(x, 0.02 * k) == OK
+        assert started.tick(x, 0.02 * k).status == OK
+    for t in (0.0, 0.002, -1e300):
+        output = started.tick(x, t)
+        assert (output.status, output.fallback) == (BAD_TIME, DAMPED)
+        assert np.array_equal(output.torque, damped(x))
+    assert started.tick(x, 0.582).status == OK
+
+
 def test_plan_that_gets_too_old_damps_until_reset(trot: Trot, x: np.ndarray) -> None:
     controller = trot.module.Controller(max_age=0.1)
     start = trot.exported.mpc.initial
@@ -84,7 +127,7 @@ def test_plan_that_gets_too_old_damps_until_reset(trot: Trot, x: np.ndarray) -> 
     old = controller.tick(x, 0.11)
     assert (old.status, old.fallback) == (TOO_OLD, LATE | DAMPED | LATCHED)
     assert np.array_equal(old.torque, damped(x))
-    assert controller.plan(start, 0.12) == OK
+    assert controller.plan(start, 0.1) == OK
     latched = controller.tick(x, 0.12)
     assert (latched.status, latched.fallback) == (TOO_OLD, DAMPED | LATCHED)
     assert controller.reset(start, 0.0) == OK
@@ -155,8 +198,8 @@ def test_memory_and_options_are_checked(trot: Trot) -> None:
     assert c.trot_init(at + 8, size, None) is None
     assert c.trot_init(None, size, None) is None
     for wrong in (
-        {"max_age": 0.0}, {"max_age": np.nan}, {"damping": -1.0}, {"damping": np.nan}, {"damping": np.inf},
-        {"iterations": 0}, {"iterations": 201}, {"time_limit": -1.0}, {"time_limit": np.nan},
+        {"max_age": 0.0}, {"max_age": 0.02}, {"max_age": np.nan}, {"damping": -1.0}, {"damping": np.nan},
+        {"damping": np.inf}, {"iterations": 0}, {"iterations": 201}, {"time_limit": -1.0}, {"time_limit": np.nan},
     ):  # fmt: skip
         with pytest.raises(ValueError, match="out of range"):
             trot.module.Controller(**wrong)

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -64,15 +65,53 @@ def test_the_manifest_has_a_hash_of_each_file(trot: Trot) -> None:
     manifest = json.loads((trot.folder / "manifest.json").read_text())
     assert manifest["name"] == "trot"
     assert manifest["period_s"] == 0.02
+    assert manifest["max_age_s"] == 0.25
+    assert manifest["torque_limits"] == [[-17.0] * 12, [17.0] * 12]
     files = manifest["files"]
     assert {"include/trot.h", "src/controller.c", "LICENSE", "README.md", "examples/loop.c"} <= set(files)
     for path, digest in files.items():
         assert hashlib.sha256((trot.folder / path).read_bytes()).hexdigest() == digest
 
 
+def test_a_check_writes_sizes_results_and_times(trot: Trot) -> None:
+    assert "Nothing yet" in (trot.folder / "README.md").read_text()
+    measured = trot.exported.check(seconds=0.4)
+    assert measured.bitwise
+    assert (measured.plans, measured.ticks) == (50, 500)
+    assert measured.library_bytes == (trot.folder / "build" / "libtrot.so").stat().st_size
+    assert 0.0 < measured.tick_us[0] <= measured.tick_us[1] <= measured.tick_us[2]
+    manifest = json.loads((trot.folder / "manifest.json").read_text())
+    assert manifest["measured"]["memory_bytes"] == trot.module.load(trot.module.LIBRARY).trot_memory_size()
+    assert manifest["measured"]["plan_ms"] == list(measured.plan_ms)
+    readme = (trot.folder / "README.md").read_text()
+    assert manifest["files"]["README.md"] == hashlib.sha256(readme.encode()).hexdigest()
+    assert "Nothing yet" not in readme
+    assert readme.count("## Measured") == readme.count("## State") == 1
+    assert f"| tick [µs] | {measured.tick_us[0]:.3g} |" in readme
+    trot.exported.check(seconds=0.4)
+    assert (trot.folder / "README.md").read_text().count("## Measured") == 1
+
+
+def test_a_check_needs_a_record_and_a_duration(trot: Trot, tmp_path: Path) -> None:
+    with pytest.raises(SolverError, match="there is no record - got no check.bin"):
+        replace(trot.exported, folder=tmp_path).check()
+    with pytest.raises(SolverError, match="seconds is out of range - got 0 s"):
+        trot.exported.check(seconds=0.0)
+
+
+def test_a_check_that_fails_is_told(trot: Trot, tmp_path: Path) -> None:
+    (tmp_path / "Makefile").write_text("all:\n\ncheck:\n\t@echo FAILED; exit 1\n")
+    (tmp_path / "check.bin").write_bytes(b"")
+    with pytest.raises(SolverError, match=r"it fails - got exit code 2 and\n(.*\n)*.*FAILED"):
+        replace(trot.exported, folder=tmp_path).check()
+
+
 def test_the_readme_names_states_torques_and_forces(trot: Trot) -> None:
     text = (trot.folder / "README.md").read_text()
-    for words in ("| 19 | base.linear_velocity x | m/s |", "| 1 | FL_HFE | -17 to 17 |", "feet_force[12]", "`speed`"):
+    for words in (
+        "| 19 | base.linear_velocity x | m/s |", "| 3 | base.orientation w | 1 |", "| 1 | FL_HFE | -17 to 17 |",
+        "feet_force[12]", "in the order FL x, FL y, FL z, FR x,", "`speed`", "speeds in m/s", "bytes with vectors of",
+    ):  # fmt: skip
         assert words in text
     for path in ("README.md", "include/trot.h", "src/controller.c", "CMakeLists.txt", "Makefile", "examples/loop.c"):
         own = (trot.folder / path).read_text()
@@ -90,6 +129,12 @@ def test_stack_and_memory_are_bounded(trot: Trot) -> None:
 def test_names_that_are_no_identifiers_are_refused(trot: Trot, tmp_path: Path) -> None:
     with pytest.raises(SolverError, match="name is unusable - got 'my trot'"):
         solvers.export_controller(trot.exported.mpc.problem, tmp_path / "a", name="my trot", low=vwbc)
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_plan_must_act_until_the_next_one(trot: Trot, tmp_path: Path) -> None:
+    with pytest.raises(SolverError, match=r"max_age is out of range - got 0.02 s, expected more than 0.02 s"):
+        solvers.export_controller(trot.exported.mpc.problem, tmp_path / "a", name="trot", low=vwbc, max_age=0.02)
     assert not (tmp_path / "a").exists()
 
 
