@@ -109,5 +109,6 @@ def test_a_reward_without_scale_is_refused(scale):
     ],
 )  # fmt: skip
 def test_options_out_of_range_are_refused(wrong):
-    with pytest.raises(SamplingError, match=f"sampling options: {next(iter(wrong))} is out of range"):
+    name = next(iter(wrong))
+    with pytest.raises(SamplingError, match=rf"sampling options \(test_discount.py:\d+\): {name} is out of range"):
         Options(**wrong)

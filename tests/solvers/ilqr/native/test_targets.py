@@ -33,6 +33,7 @@ COMPILERS = {
 TILES = """
 #include <stddef.h>
 #include <string.h>
+#define NW 19 /* the largest row */
 #include "tiles.inc"
 
 int doubles(void) { return VL; }
