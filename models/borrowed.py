@@ -9,16 +9,14 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import FromTrajectory, Path, Phase, PhaseTrajectory, ProblemWarning
 
-from .postures import RobotState, place_feet
+from .ground_warnings import OFF_GROUND, feet_off_ground
+from .postures import RobotState
 from .quantities import base, joints
 from .robot import Robot
 from .stance import Stance
 from .terrain import Flat, Terrain
 
 Array = NDArray[np.float64]
-
-OFF_GROUND = 0.02
-"""Largest distance of a standing foot from the ground in a trajectory without a warning [m]."""
 
 
 def trajectory_warnings(
@@ -71,11 +69,9 @@ def _off_ground(
         x = part.states[len(part.states) // 2]
         if x[where[joints.position]].shape != (robot.num_joints,):
             continue
-        places = place_feet(robot, *(x[where[key]] for key in (base.position, base.orientation, joints.position)))
-        heights = dict(zip(robot.foot_names, places[:, 2] - ground.level - robot.foot_radius, strict=True))
-        off = {name: heights[name] for name in names if abs(heights[name]) > OFF_GROUND}
-        if off:
-            got = ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
+        pose = (x[where[key]] for key in (base.position, base.orientation, joints.position))
+        got = feet_off_ground(robot, ground, names, *pose)
+        if got:
             yield ProblemWarning(
                 f"motion, phase '{phase.name}' ({phase.source})",
                 f"standing foot is not on the ground in the trajectory of the targets - got {got}, expected within "

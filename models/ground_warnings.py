@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from itertools import islice
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from piaffe.ocp import Path, PlacedPhase, ProblemWarning, Sample, placed_phases
 
+from .postures import place_feet
 from .quantities import base, joints
-from .robot import Robot, to_pinocchio
+from .robot import Robot
 from .stance import Stance
 from .terrain import Terrain
 
 Array = NDArray[np.float64]
 
 OFF_GROUND = 0.02
-"""Largest distance of a standing foot from the ground in the initial state without a warning [m]."""
+"""Largest distance of a standing foot from the ground without a warning [m]."""
 LONG_FLIGHT = 1.0
 """Longest time without contact that gives no warning [s]; a robot falls 1.2 m in the second half of it."""
 FAST = 3.0
@@ -49,6 +49,25 @@ def fastest(robot: Robot) -> float:
     return FAST * float(np.sqrt(9.81 * robot.base_height("stand")))
 
 
+def feet_off_ground(
+    robot: Robot, terrain: Terrain, names: Iterable[str], position: Array, orientation: Array, angles: Array
+) -> str:
+    """Return which of some feet are farther than ``OFF_GROUND`` from the ground, in words; empty if none is.
+
+    Args:
+        robot: the robot.
+        terrain: the ground.
+        names: feet that should stand.
+        position: of the base (3,) [m].
+        orientation: of the base (4,).
+        angles: of the joints (nj,) [rad].
+    """
+    x, y, z = place_feet(robot, position, orientation, angles).T
+    heights = dict(zip(robot.foot_names, z - terrain.height(x, y) - robot.foot_radius, strict=True))
+    off = {name: heights[name] for name in names if abs(heights[name]) > OFF_GROUND}
+    return ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
+
+
 def _start(
     robot: Robot, terrain: Terrain, resolve: Callable[[Hashable], Stance], path: Path, first: PlacedPhase
 ) -> Iterator[ProblemWarning]:
@@ -56,19 +75,9 @@ def _start(
     start: Sample = getattr(path.placed[0].reference, "start", {})
     if not all(quantity in start for quantity in (base.position, base.orientation, joints.position)):
         return
-    data, nv = robot.model.createData(), robot.num_joints + 6
-    parts = [np.asarray(start[quantity]) for quantity in (base.position, base.orientation, joints.position)]
-    pin.framesForwardKinematics(robot.model, data, to_pinocchio(np.concatenate([*parts, np.zeros(nv)]))[0])
-    places = {
-        name: data.oMf[robot.frame_id(robot.foot(name).frame)].translation for name in resolve(first.phase.mode).feet
-    }
-    above = {
-        name: float(at[2] - np.ravel(terrain.height(np.array([at[0]]), np.array([at[1]])))[0]) - robot.foot_radius
-        for name, at in places.items()
-    }
-    off = {name: height for name, height in above.items() if abs(height) > OFF_GROUND}
-    if off:
-        got = ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
+    pose = [np.asarray(start[quantity]) for quantity in (base.position, base.orientation, joints.position)]
+    got = feet_off_ground(robot, terrain, resolve(first.phase.mode).feet, *pose)
+    if got:
         yield ProblemWarning(
             f"phase '{first.phase.name}' ({first.phase.source}), initial state",
             f"standing foot is not on the ground - got {got}, expected within {OFF_GROUND} m; build the initial state "
