@@ -14,6 +14,18 @@ from piaffe.ocp import rotation
 from piaffe.ocp.language.model import Dynamics, Node, Quantities, Reset, Slot
 from piaffe.ocp.language.quantity import Bound, Quantity
 
+WISH, LIMIT, WEIGHT = 2.0, 0.5, 3.0
+"""The control that :func:`pulling` wishes, its bound, and the weight of the wish."""
+
+
+def pulling() -> ocp.Problem:
+    """Each stage alone wishes a control above its bound; at the bound the multiplier is w (a − b) = 4.5."""
+    model = ocp.Model("drift", state={"x": 1}, control={"pull": 1}, modes={"go": lambda s: {"x": s.pull}})
+    wish = ocp.track("pull", WEIGHT, to=WISH)
+    bound = ocp.Constraints(ocp.inequality(lambda s: s.pull, upper=LIMIT, name="bound", unit="N"))
+    motion = ocp.Motion(ocp.Phase("go", "go", 0.5))
+    return ocp.Problem(motion, model.until_end(dt=0.1), ocp.Objective(wish), bound, initial=[0.0])
+
 
 def linear_quadratic() -> ocp.Problem:
     """Three linear models of 4, 3 and 2 states and 2, 1 and 0 controls, with affine resets from one to the next."""

@@ -9,20 +9,10 @@ from piaffe.ocp import compile_problem
 from piaffe.solvers import Fixed, MSiLQR, Options, Solution, Status
 from piaffe.solvers.ilqr.native import Backend
 
-from ...problems import PROBLEMS
+from ...problems import LIMIT, PROBLEMS, WEIGHT, WISH, pulling
 
 BACKENDS = pytest.mark.parametrize("backend", ["native", "numpy"])
-WISH, LIMIT, WEIGHT = 2.0, 0.5, 3.0
 KEPT = ("equality", "end_equality", "penalty", "end_penalty", "relaxation", "end_relaxation", "shift", "end_shift")
-
-
-def pulling() -> ocp.Problem:
-    """Each stage alone wishes a control above its bound."""
-    model = ocp.Model("drift", state={"x": 1}, control={"pull": 1}, modes={"go": lambda s: {"x": s.pull}})
-    wish = ocp.track("pull", WEIGHT, to=WISH)
-    bound = ocp.Constraints(ocp.inequality(lambda s: s.pull, upper=LIMIT, name="bound", unit="N"))
-    motion = ocp.Motion(ocp.Phase("go", "go", 0.5))
-    return ocp.Problem(motion, model.until_end(dt=0.1), ocp.Objective(wish), bound, initial=[0.0])
 
 
 def solved(name: str, backend: Backend, options: Options, warm_start: Solution | None = None) -> Solution:

@@ -6,20 +6,11 @@ import pytest
 from piaffe import models, ocp, solvers
 from piaffe.errors import SolverError
 
+from ...problems import LIMIT, WEIGHT, WISH, pulling
 from .test_ticks import problem
 
 BACKENDS = pytest.mark.parametrize("backend", ["native", "numpy"])
-WISH, LIMIT, WEIGHT = 2.0, 0.5, 3.0
 STAGE = ("equality", "penalty", "relaxation", "shift")
-
-
-def pulling() -> ocp.Problem:
-    """Each stage alone wishes a control above its bound; at the bound the multiplier is w (a − b) = 4.5."""
-    model = ocp.Model("drift", state={"x": 1}, control={"pull": 1}, modes={"go": lambda s: {"x": s.pull}})
-    wish = ocp.track("pull", WEIGHT, to=WISH)
-    bound = ocp.Constraints(ocp.inequality(lambda s: s.pull, upper=LIMIT, name="bound", unit="N"))
-    motion = ocp.Motion(ocp.Phase("go", "go", 0.5))
-    return ocp.Problem(motion, model.until_end(dt=0.1), ocp.Objective(wish), bound, initial=[0.0])
 
 
 def dropping() -> ocp.Problem:
