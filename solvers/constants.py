@@ -6,6 +6,23 @@ here changes both, and the compiled solver is built anew.
 
 from __future__ import annotations
 
+# ---- the scale of the cost
+
+SCALE_SHARE = 0.65
+"""The scale is this share of the cost that the quadratic model predicts after one full step from the guess."""
+SCALE_PENALTY = 10.0
+"""Penalty of equalities and violated inequalities in that model, relative to the cost of residuals that are all 1."""
+SCALE_RELAXATION = 0.01
+"""Relaxation of the barrier in that model, in units of a row's scale."""
+FIRST_SCALE_RIDGE = 1e-9
+"""First regularisation of that model, relative to the cost of residuals that are all 1."""
+LARGEST_SCALE_RIDGE = 1e6
+"""Largest one."""
+LEAST_SCALE = 1e-6
+"""Least scale, relative to the cost of residuals that are all 1: that of residuals of a thousandth."""
+SCALE_FLOOR = 0.01
+"""Changes of a cost that is less than this share of the scale are relative to this share, not to the cost."""
+
 # ---- when a sub-problem is solved
 
 PATIENCE = 8
@@ -68,9 +85,18 @@ LEAST_SHRINK = 0.7
 SLOW_DECREASE = 0.25
 """Penalties grow if the equality violation is larger than this times that of the update before."""
 NO_PROGRESS = 0.98
-"""A solved sub-problem has not reduced the violation if more than this times the violation before remains."""
+"""A sub-problem has not reduced the violation if more than this times the violation before remains."""
 MAX_UNMOVED = 8
-"""Solved sub-problems in a row that have not reduced it; after more of them the problem counts as infeasible."""
+"""Sub-problems in a row that have not reduced it, each with larger penalties. After more of them, steps that hardly
+regard the cost are tried; if they do not reduce it either, the problem counts as infeasible."""
+SHARE_OF_COST = 1e-6
+"""Share of the cost in the model of these steps."""
+ATTEMPTS_SHRINK = 0.25
+"""Ratio of successive such steps."""
+SHORTEST_ATTEMPT = 0.01
+"""None of them is shorter than this."""
+IMPROVED = 0.95
+"""Such a step reduces the violation if less than this times the violation remains."""
 
 
 def table() -> dict[str, int | float]:

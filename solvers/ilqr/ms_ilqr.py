@@ -25,11 +25,12 @@ from piaffe.ocp import (
 from ..solution import Record, Solution, Status
 from .cause import with_cause
 from .iterate import Iterate, ProblemFunctions
-from .native import Backend, native_memory, run_native
+from .native import Backend, native_memory, native_scale, run_native
 from .options import Options
 from .result import assemble
 from .rollout import move
 from .run import Run
+from .scale import cost_scale, scaled
 from .warm_start import WarmStart, first_iterate
 from .warned import issue
 
@@ -79,6 +80,7 @@ class MSiLQR:
         self.functions = ProblemFunctions(self.problem)
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()
+        self._absolute: Options | None = None
 
     @property
     def backend(self) -> Backend:
@@ -135,7 +137,7 @@ class MSiLQR:
         if not all(f.all() for f in flags):
             zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
             start = move(self.functions, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
-        run = Run(self.functions, self.options, start, flags, progress)
+        run = Run(self.functions, self._scaled(), start, flags, progress)
         if from_earlier is not None:
             run.resume(from_earlier)
         try:
@@ -146,6 +148,17 @@ class MSiLQR:
         if status is Status.NOT_FINITE and not found and self.memory is not None:
             found = self.memory.fault()
         return replace(assemble(run, status, time.perf_counter() - began), fault=found)
+
+    def _scaled(self) -> Options:
+        """Return the options for costs in the problem's unit, and write them into the compiled solver's memory."""
+        if self._absolute is None:
+            memory = self.memory
+            self._absolute = scaled(
+                self.options, lambda: cost_scale(self.functions) if memory is None else native_scale(memory)
+            )
+            if memory is not None:
+                memory.set_options(self._absolute)
+        return self._absolute
 
     def start(self, warm_start: Solution | None) -> Iterate:
         """Return the states and controls of the first iterate."""
