@@ -20,6 +20,8 @@ LARGEST_SCALE_RIDGE = 1e6
 """Largest one."""
 LEAST_SCALE = 1e-6
 """Least scale, relative to the cost of residuals that are all 1: that of residuals of a thousandth."""
+LARGEST_SCALE = 10.0
+"""Largest scale, relative to the same: a quadratic model far from its guess predicts costs that nothing has."""
 SCALE_FLOOR = 0.01
 """Changes of a cost that is less than this share of the scale are relative to this share, not to the cost."""
 

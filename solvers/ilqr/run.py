@@ -175,9 +175,17 @@ class Run:
                 self.models = self.linearise()
 
     def failed(self) -> Status:
-        """Return the status of a solve without a further step: a number is not finite, or the line search failed."""
-        finite = self.outside is None and all(model.is_finite for model in self.models)
-        return Status.LINE_SEARCH_FAILED if finite else Status.NOT_FINITE
+        """Return the status of a solve without a further step.
+
+        A number is not finite, violations remain that no step reduces, or the line search failed.
+        """
+        if self.outside is not None or not all(model.is_finite for model in self.models):
+            return Status.NOT_FINITE
+        violation = self.outer.measure(self.violations(self.current))
+        if not self.o.adapt or not violation > 1 or self.current.max_defect >= constants.NEARLY_CLOSED:
+            return Status.LINE_SEARCH_FAILED
+        self.outer.last_violation, self.regularization = violation, 0.0
+        return Status.LINE_SEARCH_FAILED if self.can_improve() else Status.INFEASIBLE
 
     def is_stationary(self, direction: Direction) -> bool:
         """Return whether the sub-problem is solved: the expected decrease, or the last decreases, are negligible."""

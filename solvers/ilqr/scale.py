@@ -74,7 +74,9 @@ def scale_of(predicted: float, unit: float) -> float:
     if unit <= 0:
         return 1.0
     least = constants.LEAST_SCALE * unit
-    return float(max(constants.SCALE_SHARE * predicted, least)) if np.isfinite(predicted) else least
+    if not np.isfinite(predicted):
+        return least
+    return float(min(max(constants.SCALE_SHARE * predicted, least), constants.LARGEST_SCALE * unit))
 
 
 def _penalties(value: PhaseValues, penalty: float) -> PhaseDual:

@@ -165,7 +165,7 @@ def slope(factor: float = 1.0) -> ocp.Problem:
 
 
 def hopper(factor: float = 1.0) -> ocp.Problem:
-    """A mass hops: its flight has five states, the angle of its leg among them, its stance four in polar coordinates."""
+    """A mass hops: its flight has five states with the angle of its leg, its stance four polar ones."""
 
     def fly(s):
         return {"x": s.vx, "z": s.vz, "vx": 0 * s.swing, "vz": -9.81 + 0 * s.swing, "lean": s.swing}

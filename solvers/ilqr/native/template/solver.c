@@ -20,9 +20,6 @@
 #include "outer.inc"
 #include "parts.inc"
 
-/* The status of a solve without a further step: a number is not finite, or the line search failed. */
-static int failure(const Problem *pr) { return pr->blocked || !model_is_finite(pr) ? NOT_FINITE : LINE_SEARCH_FAILED; }
-
 static int gained_nothing(const Problem *pr, double tolerance)
 {
     if (pr->num_gains < PATIENCE) return 0;
@@ -59,6 +56,18 @@ static int can_improve(Problem *pr)
     linearise(pr);
     if (improved) pr->unmoved = 0;
     return improved;
+}
+
+/* The status of a solve without a further step: a number is not finite, violations remain that no step reduces, or the line search
+ * failed. */
+static int failure(Problem *pr, const Sums *at)
+{
+    const Options *o = &pr->options;
+    const double violation = fmax(at->max_h / o->max_equality, at->max_g / o->max_inequality);
+    if (pr->blocked || !model_is_finite(pr)) return NOT_FINITE;
+    if (!o->adapt || !(violation > 1) || at->max_defect >= NEARLY_CLOSED) return LINE_SEARCH_FAILED;
+    pr->last_violation = violation, pr->regularization_now = 0.0;
+    return can_improve(pr) ? LINE_SEARCH_FAILED : INFEASIBLE;
 }
 
 static void note(Problem *pr, const Sums *at)
@@ -110,13 +119,13 @@ int piaffe_solve(Problem *pr, int resumed)
     for (;;) {
         if (atomic_load_explicit(&pr->cancel, memory_order_relaxed)) return INTERRUPTED;
         note(pr, &at);
-        if (!direction(pr, dV)) return failure(pr);
+        if (!direction(pr, dV)) return failure(pr, &at);
         double tolerance = o->cost_tolerance * size_of(pr, at.cost);
         int stationary = (fabs(dV[0] + 0.5 * dV[1]) < tolerance || gained_nothing(pr, tolerance)) && at.max_defect < o->max_defect;
         int met = at.max_h <= o->max_equality && at.max_g <= o->max_inequality;
         if (stationary && pr->blocked && pr->regularization_now > o->regularization) {
             if (is_blocked(pr, tolerance)) return NOT_FINITE;
-            if (!direction(pr, dV)) return failure(pr);
+            if (!direction(pr, dV)) return failure(pr, &at);
         }
         if (stationary && met && gap_is_closed(pr) && is_exact(pr)) return CONVERGED;
         if (stationary && !o->adapt) return STATIONARY;
@@ -127,7 +136,7 @@ int piaffe_solve(Problem *pr, int resumed)
             pr->inner = pr->num_gains = 0;
             linearise(pr);
             if (pr->unmoved > MAX_UNMOVED && !can_improve(pr)) return INFEASIBLE;
-            if (!direction(pr, dV)) return failure(pr);
+            if (!direction(pr, dV)) return failure(pr, &at);
         }
         double size = search(pr, dV, &at);
         if (size < 0.0) return TIME_LIMIT;
@@ -138,7 +147,7 @@ int piaffe_solve(Problem *pr, int resumed)
             at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, piaffe_now(pr) - pr->began,
         };
         atomic_store_explicit(&pr->num_records, pr->num_records + 1, memory_order_release);
-        if (pr->regularization_now > o->max_regularization) return failure(pr);
+        if (pr->regularization_now > o->max_regularization) return failure(pr, &at);
         if (size > 0.0) linearise(pr);
     }
 }
