@@ -8,22 +8,12 @@ from __future__ import annotations
 
 # ---- the scale of the cost
 
-SCALE_SHARE = 0.65
-"""The scale is this share of the cost that the quadratic model predicts after one full step from the guess."""
 SCALE_PENALTY = 10.0
 """Penalty of equalities and violated inequalities in that model, relative to the cost of residuals that are all 1."""
 SCALE_RELAXATION = 0.01
 """Relaxation of the barrier in that model, in units of a row's scale."""
-FIRST_SCALE_RIDGE = 1e-9
-"""First regularisation of that model, relative to the cost of residuals that are all 1."""
-LARGEST_SCALE_RIDGE = 1e6
-"""Largest one."""
-LEAST_SCALE = 1e-6
-"""Least scale, relative to the cost of residuals that are all 1: that of residuals of a thousandth."""
-LARGEST_SCALE = 10.0
-"""Largest scale, relative to the same: a quadratic model far from its guess predicts costs that nothing has."""
-SCALE_FLOOR = 0.01
-"""Changes of a cost that is less than this share of the scale are relative to this share, not to the cost."""
+SCALE_RIDGE = 1e-9
+"""Regularisation of that model, relative to the cost of residuals that are all 1."""
 
 # ---- when a sub-problem is solved
 
@@ -93,10 +83,8 @@ MAX_UNMOVED = 8
 regard the cost are tried; if they do not reduce it either, the problem counts as infeasible."""
 SHARE_OF_COST = 1e-6
 """Share of the cost in the model of these steps."""
-ATTEMPTS_SHRINK = 0.25
-"""Ratio of successive such steps."""
 SHORTEST_ATTEMPT = 0.01
-"""None of them is shorter than this."""
+"""None of them is shorter than this; they become shorter by ``step_shrink``."""
 IMPROVED = 0.95
 """Such a step reduces the violation if less than this times the violation remains."""
 

@@ -7,8 +7,6 @@ from dataclasses import dataclass, fields, replace
 from piaffe.errors import SolverError
 from piaffe.ocp import caller
 
-from .. import constants
-
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
@@ -113,10 +111,12 @@ class Options:
             scale: natural size of the cost.
         """
         scaled = {name: getattr(self, name) * scale for name in _RELATIVE}
-        floor = constants.SCALE_FLOOR * scale if self.cost_floor is None else self.cost_floor
+        floor = _FLOOR * scale if self.cost_floor is None else self.cost_floor
         return replace(self, **scaled, cost_scale=scale, cost_floor=floor)
 
 
+_FLOOR = 0.01
+"""Changes of a cost below this share of the scale are relative to this share, not to the cost."""
 _RELATIVE = (
     "barrier_weight", "min_barrier_weight", "stiffness", "max_stiffness", "penalty", "max_penalty", "merit_offset",
     "regularization", "max_regularization",

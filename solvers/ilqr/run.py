@@ -243,7 +243,7 @@ class Run:
         while direction is not None and not improved and size >= constants.SHORTEST_ATTEMPT:
             at = self.trial(self.current.iterate, direction.dx, direction.du, size)
             improved = self.outer.measure(self.violations(at)) < constants.IMPROVED * self.outer.last_violation
-            size *= constants.ATTEMPTS_SHRINK
+            size *= self.o.step_shrink
         self.models, self.sweeps, self.regularization = kept
         if improved:
             self.outer.unmoved = 0

@@ -13,6 +13,12 @@ from .iterate import Iterate, PhaseDual, PhaseValues, ProblemFunctions, running_
 from .options import Options
 from .riccati import LqPhase, backward, roll_out
 
+_SHARE = 0.65
+"""The scale is this share of the predicted cost: gaits and rolls of quadrupeds have scales of 1 to 10 with it."""
+_LEAST, _LARGEST = 1e-6, 10.0
+"""Limits of the scale, relative to the cost of residuals that are all 1: that of residuals of a thousandth, and one
+because a quadratic model far from its guess predicts costs that nothing has."""
+
 
 def cost_scale(functions: ProblemFunctions) -> float:
     """Return the natural size of a problem's cost, proportional to the weights; 1 if no term has a weight.
@@ -36,14 +42,10 @@ def cost_scale(functions: ProblemFunctions) -> float:
         return [functions.lq(i, at, values[i], defects[i], duals[i], weight) for i in range(len(duals))]
 
     cost, predicted = sum(running_cost(p, v) for p, v in zip(problem.phases, values, strict=True)), np.nan
-    penalised, ridge = models(constants.SCALE_PENALTY * unit), 0.0
-    while ridge <= constants.LARGEST_SCALE_RIDGE * unit:
-        sweeps = backward(penalised, ridge)
-        if sweeps is not None:
-            step = roll_out(models(0.0), sweeps)
-            predicted = cost + step.dV1 + 0.5 * step.dV2
-            break
-        ridge = max(constants.POLICY_REGULARIZATION_FACTOR * ridge, constants.FIRST_SCALE_RIDGE * unit)
+    sweeps = backward(models(constants.SCALE_PENALTY * unit), constants.SCALE_RIDGE * unit)
+    if sweeps is not None:
+        step = roll_out(models(0.0), sweeps)
+        predicted = cost + step.dV1 + 0.5 * step.dV2
     return scale_of(predicted, unit)
 
 
@@ -65,7 +67,7 @@ def unit_cost(problem: CompiledProblem) -> float:
 
 
 def scale_of(predicted: float, unit: float) -> float:
-    """Return the scale of a predicted cost.
+    """Return the scale of a predicted cost, rounded so that both backends have the same.
 
     Args:
         predicted: the cost; NaN or infinite if there is none.
@@ -73,10 +75,8 @@ def scale_of(predicted: float, unit: float) -> float:
     """
     if unit <= 0:
         return 1.0
-    least = constants.LEAST_SCALE * unit
-    if not np.isfinite(predicted):
-        return least
-    return float(min(max(constants.SCALE_SHARE * predicted, least), constants.LARGEST_SCALE * unit))
+    share = float(np.float32(_SHARE * predicted / unit)) if np.isfinite(predicted) else 0.0
+    return min(max(share, _LEAST), _LARGEST) * unit
 
 
 def _penalties(value: PhaseValues, penalty: float) -> PhaseDual:

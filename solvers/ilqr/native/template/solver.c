@@ -46,7 +46,7 @@ static int can_improve(Problem *pr)
     pr->share = SHARE_OF_COST;
     linearise(pr);
     if (direction(pr, (double[2]){0, 0}))
-        for (double size = 1.0; !improved && size >= SHORTEST_ATTEMPT; size *= ATTEMPTS_SHRINK) {
+        for (double size = 1.0; !improved && size >= SHORTEST_ATTEMPT; size *= o->step_shrink) {
             move(pr, 0, size);
             evaluate(pr);
             const Sums s = sums_of_trial(pr);
@@ -170,17 +170,15 @@ void piaffe_adapt(Problem *pr, int status, double largest_defect)
  * full step; NaN if there is none. Equalities and violated inequalities have penalties relative to `unit`; scale.py. */
 double piaffe_predicted(Problem *pr, double unit)
 {
-    double penalty = SCALE_PENALTY * unit, ridge = 0.0, dV[2];
+    const double penalty = SCALE_PENALTY * unit;
+    double dV[2];
     pr->share = 1.0;
     evaluate(pr);
     const Sums at = sums_of_trial(pr);
     accept(pr);
     set_penalties(pr, penalty);
     linearise(pr);
-    while (!backward(pr, ridge)) {
-        ridge = fmax(POLICY_REGULARIZATION_FACTOR * ridge, FIRST_SCALE_RIDGE * unit);
-        if (ridge > LARGEST_SCALE_RIDGE * unit) return NAN;
-    }
+    if (!backward(pr, SCALE_RIDGE * unit)) return NAN;
     set_penalties(pr, 0.0);
     linearise(pr);
     forward(pr, 0, dV);
