@@ -137,7 +137,7 @@ class MSiLQR:
         if not all(f.all() for f in flags):
             zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
             start = move(self.functions, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
-        run = Run(self.functions, self._scaled(), start, flags, progress)
+        run = Run(self.functions, self.scaled_options(), start, flags, progress)
         if from_earlier is not None:
             run.resume(from_earlier)
         try:
@@ -149,8 +149,8 @@ class MSiLQR:
             found = self.memory.fault()
         return replace(assemble(run, status, time.perf_counter() - began), fault=found)
 
-    def _scaled(self) -> Options:
-        """Return the options for costs in the problem's unit, and write them into the compiled solver's memory."""
+    def scaled_options(self) -> Options:
+        """Return the options in the unit of the problem's cost, see :class:`Options`; computed once."""
         if self._absolute is None:
             memory = self.memory
             self._absolute = scaled(

@@ -71,7 +71,7 @@ CASES = {
     "SHARE_OF_COST": Case(1e9, "slippery start"),
     "SHORTEST_ATTEMPT": Case(2.0, "slippery start"),
     "IMPROVED": Case(1e-9, "slippery start"),
-    "NO_PROGRESS": Case(0.5, "ball that is too slow", 40, {"max_penalty": 1e4, "max_stiffness": 1e6}),
+    "NO_PROGRESS": Case(1.5, "ball that is too slow", 40, {"max_penalty": 1e4, "max_stiffness": 1e6}),
     "MAX_UNMOVED": Case(2, "ball that is too slow"),
 }
 
