@@ -55,7 +55,7 @@ MERIT_ROUNDING = 1e-12
 GAP_DECREASE = 0.9
 """A trial step α is corrected if it leaves more than 1 − this · α of the defects."""
 SAME_MERIT = 1e-9
-"""Two merits are of the same iterate of the same problem if they differ by this at most, relative to 1 + |merit|."""
+"""Two merits are of the same iterate of the same problem if they differ by this at most, relative to the merit."""
 
 # ---- barrier
 

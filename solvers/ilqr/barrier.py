@@ -69,7 +69,7 @@ def recentre(shift: Array, g: Array, mask: Array, slack: float) -> Array:
     return np.where(shifted, np.maximum(shift - g, 0.0), shift)
 
 
-def stiffen(relaxation: Array, shift: Array, used: Array, floor: float) -> tuple[Array, Array]:
+def stiffen(relaxation: Array, shift: Array, used: NDArray[np.bool_], floor: float) -> tuple[Array, Array]:
     """Return relaxations δ' and shifts s' of stiffer rows that have the same multiplier at g = 0.
 
     At g = 0 it is ε (2δ + s)/δ². Without a shift, δ' = 2δ²/(2δ + s); δ' is not below ``floor``, and s' is the rest.

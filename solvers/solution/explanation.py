@@ -83,15 +83,21 @@ def wandering(history: Sequence[Record]) -> str:
     if len(history) < 2 * _MEMORY:
         return ""
     before, last = history[:-_MEMORY], history[-_MEMORY:]
-    for of in (lambda r: max(r.max_equality, r.max_inequality, r.max_defect), lambda r: r.cost):
-        lowest = min(of(r) for r in before[-_MEMORY:])
-        if min(of(r) for r in last) < lowest - _FALLS * abs(lowest):
+    for earlier, later in (
+        ([_violation(r) for r in before[-_MEMORY:]], [_violation(r) for r in last]),
+        ([r.cost for r in before[-_MEMORY:]], [r.cost for r in last]),
+    ):
+        if min(later) < min(earlier) - _FALLS * abs(min(earlier)):
             return ""
     steps = float(np.median([r.step_size for r in last]))
     return (
         f"Over the last {_MEMORY} iterations neither cost nor violations fell; the median step was {steps:.2g}. The "
         "search wanders: start from a solution of an easier problem, or check that terms are smooth."
     )
+
+
+def _violation(record: Record) -> float:
+    return max(record.max_equality, record.max_inequality, record.max_defect)
 
 
 def scales(violations: Sequence[Violation]) -> str:
