@@ -56,53 +56,66 @@ def violations(
     found: dict[tuple[str, Kind], _Constraint] = {}
     for phase, value, dual in zip(problem.phases, values, duals, strict=True):
         for group in _groups(phase, value, dual, weight):
+            columns: dict[str, list[int]] = {}
             for j, row in enumerate(group.rows):
-                key = problem.term_name(row), group.kind
-                found.setdefault(key, _Constraint(*key)).add(problem, phase, group, j)
+                columns.setdefault(problem.term_name(row), []).append(j)
+            for name, own in columns.items():
+                key = name, group.kind
+                found.setdefault(key, _Constraint(*key)).add(problem, phase, group, own)
     each = [constraint.violation() for constraint in found.values()]
     return tuple(sorted(each, key=lambda v: -v.amount))
 
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Rows of one kind at the stages or at the last node of a phase.
+    """Rows of one kind at the stages or at the last node of a phase; tables are (nodes, rows), sums are (rows,).
 
     Args:
         rows: what they are.
         kind: their kind.
-        values: (nodes, rows). used: 1 where a row counts. multipliers: at these values, and after the next update.
-        time: what multiplies their cost.
         first: the first node.
+        amounts: violations. multipliers: as they are. pushes: after the next update, times the time step.
+        sizes: largest absolute values.
     """
 
     rows: tuple[Row, ...]
     kind: Kind
-    values: Array
-    used: Array
-    multipliers: Array
-    updated: Array
-    time: float
     first: int
+    amounts: Array
+    multipliers: Array
+    pushes: Array
+    sizes: Array
 
-    @property
-    def amounts(self) -> Array:
-        """The violations."""
-        missed = np.maximum(-self.values, 0.0) if self.kind == "inequality" else np.abs(self.values)
-        return masked(self.used, missed)
+    @staticmethod
+    def of(
+        rows: tuple[Row, ...],
+        kind: Kind,
+        values: Array,
+        used: Array,
+        multipliers: tuple[Array, Array],
+        time: float,
+        first: int,
+    ) -> _Group:
+        """Return a group from its values, masks, and multipliers now and after the next update."""
+        missed = np.maximum(-values, 0.0) if kind == "inequality" else np.abs(values)
+        return _Group(
+            rows, kind, first, masked(used, missed), multipliers[0], masked(used, np.abs(multipliers[1])) * time,
+            np.max(masked(used, np.abs(values)), axis=0, initial=0.0),
+        )  # fmt: skip
 
 
 def _groups(phase: CompiledPhase, value: PhaseValues, dual: PhaseDual, weight: float) -> tuple[_Group, ...]:
     now, end_now = inequality_multipliers(value, dual, weight)
     met = replace(value, g=np.maximum(value.g, 0.0), end_g=np.maximum(value.end_g, 0.0))
-    updated, end_updated = inequality_multipliers(met, dual, weight)  # an update keeps the multiplier at g = 0
-    own, n = phase.mode.rows, phase.num_stages
+    later, end_later = inequality_multipliers(met, dual, weight)  # an update keeps the multiplier at g = 0
+    own, n, dt = phase.mode.rows, phase.num_stages, phase.dt
     h, end_h = dual.multiplier, dual.end_multiplier[None]
     return (
-        _Group(own["stage_g"], "inequality", value.g, phase.g_mask, now, updated, phase.dt, 0),
-        _Group(own["stage_h"], "equality", value.h, phase.h_mask, h, h, phase.dt, 0),
-        _Group(phase.end_rows("g"), "inequality", value.end_g[None], phase.end_g_mask[None], end_now[None],
-               end_updated[None], phase.dt, n),
-        _Group(phase.end_rows("h"), "equality", value.end_h[None], phase.end_h_mask[None], end_h, end_h, 1.0, n),
+        _Group.of(own["stage_g"], "inequality", value.g, phase.g_mask, (now, later), dt, 0),
+        _Group.of(own["stage_h"], "equality", value.h, phase.h_mask, (h, h), dt, 0),
+        _Group.of(phase.end_rows("g"), "inequality", value.end_g[None], phase.end_g_mask[None],
+                  (end_now[None], end_later[None]), dt, n),
+        _Group.of(phase.end_rows("h"), "equality", value.end_h[None], phase.end_h_mask[None], (end_h, end_h), 1.0, n),
     )  # fmt: skip
 
 
@@ -118,21 +131,22 @@ class _Constraint:
     size: float = 0.0
     rank: tuple[float, float] = (0.0, 0.0)
 
-    def add(self, problem: CompiledProblem, phase: CompiledPhase, group: _Group, j: int) -> None:
-        """Take up a row of a group."""
-        amounts, used, row = group.amounts[:, j], group.used[:, j], group.rows[j]
-        pushes = masked(used, np.abs(group.updated[:, j])) * group.time
+    def add(self, problem: CompiledProblem, phase: CompiledPhase, group: _Group, columns: list[int]) -> None:
+        """Take up rows of a group."""
+        amounts, pushes = group.amounts[:, columns], group.pushes[:, columns]
         self.push += float(np.sum(pushes))
         self.conflict += float(np.sum(pushes * amounts))
-        self.size = max(self.size, float(np.max(masked(used, np.abs(group.values[:, j])), initial=0.0)))
-        node = int(np.argmax(amounts if np.any(amounts > 0) else pushes))
-        rank = float(amounts[node]), float(pushes[node])
+        self.size = max(self.size, float(np.max(group.sizes[columns])))
+        by = amounts if np.any(amounts > 0) else pushes
+        node, column = (int(k) for k in np.unravel_index(int(np.argmax(by)), by.shape))
+        rank = float(amounts[node, column]), float(pushes[node, column])
         if self.worst is None or rank > self.rank:
-            self.rank = rank
+            row = group.rows[columns[column]]
             source = str(problem.terms[row.term].source) if row.term >= 0 else "derived from the contact sequence"
+            self.rank = rank
             self.worst = Violation(
-                problem.row_name(row), phase.name, group.first + node, float(amounts[node]), row.unit, self.kind,
-                source, float(group.multipliers[node, j]), term=self.term, scale=row.scale,
+                problem.row_name(row), phase.name, group.first + node, rank[0], row.unit, self.kind, source,
+                float(group.multipliers[node, columns[column]]), term=self.term, scale=row.scale,
             )  # fmt: skip
 
     def violation(self) -> Violation:
