@@ -44,6 +44,7 @@ class MSiLQR:
         options: tolerances and parameters.
         backend: ``"native"``: the solver in C, compiled once for the modes of the problem and cached; NumPy, with a
             warning, if no compiler works. ``"numpy"``: the readable reference. Both have the same iterates.
+        compiling: called while the problem compiles, with the number of compiled phases, of all phases, and a name.
         building: called while the native backend compiles, with the number of finished steps, the number of all steps,
             and the name of the last finished step.
 
@@ -62,6 +63,7 @@ class MSiLQR:
         options: Options | None = None,
         *,
         backend: Backend = "native",
+        compiling: Callable[[int, int, str], None] | None = None,
         building: Callable[[int, int, str], None] | None = None,
     ) -> None:
         if backend not in ("native", "numpy"):
@@ -74,7 +76,7 @@ class MSiLQR:
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
         early = issue(early_warnings(problem)) if isinstance(problem, Problem) else []
-        self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
+        self.problem = compile_problem(problem, progress=compiling) if isinstance(problem, Problem) else problem
         self.warnings = early + issue(find_warnings(self.problem))
         self.functions = ProblemFunctions(self.problem)
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
