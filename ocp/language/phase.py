@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 from piaffe.errors import ProblemError
 
+from .sending import sendable
 from .source import Source, caller
 from .term import Constraint, Cost
 from .termset import Constraints, Objective
@@ -51,6 +52,12 @@ class ResetMap:
 
     function: Callable[..., Mapping[str, Any]]
     source: Source
+
+    def __getstate__(self) -> dict[str, Any]:
+        return sendable(self.__dict__, f"reset ({self.source})")
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        return self
 
 
 def reset(function: Callable[..., Mapping[str, Any]]) -> ResetMap:

@@ -82,6 +82,9 @@ class MSiLQR:
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()
 
+    def __reduce__(self) -> tuple[object, ...]:  # another process makes its own memory
+        return _made, (type(self), self.problem, self.options, self.backend)
+
     @property
     def backend(self) -> Backend:
         """The implementation in use; ``"numpy"`` also if no compiler was found."""
@@ -165,3 +168,7 @@ class MSiLQR:
                 f"{[(size,) for size in sizes]}; give one flag per node and phase"
             )
         return flags
+
+
+def _made(kind: type[MSiLQR], problem: CompiledProblem, options: Options, backend: Backend) -> MSiLQR:
+    return kind(problem, options, backend=backend)
