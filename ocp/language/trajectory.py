@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,9 @@ from numpy.typing import NDArray
 from .manifold import Manifold
 from .quantity import Quantity
 from .time import SAME_TIME
+
+if TYPE_CHECKING:
+    from .model import ModelBase
 
 Array = NDArray[np.float64]
 
@@ -35,6 +40,7 @@ class PhaseTrajectory:
         ends_phase: whether the motion's phase ends at the last node; if not, the segment or the horizon ends there.
         reset_outputs: quantity → (size,), e.g. the impulses of the feet in the impact after the last node; empty if
             there is no impact.
+        output_labels: quantity → one label per component of an output, e.g. ``"FL x"``; empty if they are not known.
     """
 
     name: str
@@ -48,6 +54,7 @@ class PhaseTrajectory:
     control: Manifold
     ends_phase: bool = True
     reset_outputs: Mapping[Quantity, Array] = field(default_factory=dict)
+    output_labels: Mapping[Quantity, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def duration(self) -> float:
@@ -97,3 +104,45 @@ class Trajectory:
     def sample(self, t: float) -> dict[Quantity, Array]:
         """Return state, control and outputs at time t."""
         return self.phase_at(t).sample(t)
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write a CSV file, atomically: a line of names, then a row per node; return its path.
+
+        Columns are named by quantity, component and unit: ``"base.position x [m]"``; the first ones are ``"time [s]"``,
+        ``"phase"``, ``"mode"``, ``"model"`` and ``"ends_phase"``. The last row of a phase has no controls, and a phase
+        begins with a row of its own. Numbers are written with all their digits.
+
+        Raises:
+            FileWriteError: the file cannot be written.
+        """
+        from .csv_file import write_csv
+
+        return write_csv(self, Path(path))
+
+    @staticmethod
+    def from_csv(path: str | Path, *models: ModelBase) -> Trajectory:
+        """Read a CSV file that :meth:`to_csv` wrote, or one of motion capture or another planner.
+
+        Args:
+            path: the file. Needed are ``"time [s]"`` and the columns of the model's state. Velocities may be missing:
+                they are then differences. Missing controls are zero. Without the column ``"phase"`` it is one phase.
+            models: the models of the phases; one if the file has no column ``"model"``.
+
+        Raises:
+            FileFormatError: the file cannot be read, a column is missing, a model is unknown, or times do not increase.
+        """
+        from .csv_file import read_csv
+
+        return read_csv(Path(path), models)
+
+    def to_pandas(self) -> Any:
+        """Return a ``pandas.DataFrame`` with the columns of :meth:`to_csv`; missing numbers are NaN.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        import pandas
+
+        from .columns import columns_of
+
+        return pandas.DataFrame(columns_of(self))

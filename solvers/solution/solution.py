@@ -138,6 +138,14 @@ class Solution:
         """Read a solution; raise FileFormatError for a truncated, foreign or newer file."""
         return Solution(**file.read(Path(path)))
 
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the trajectory as CSV; see :meth:`piaffe.ocp.Trajectory.to_csv`."""
+        return self.trajectory.to_csv(path)
+
+    def to_pandas(self) -> Any:
+        """Return the trajectory as a table of pandas; see :meth:`piaffe.ocp.Trajectory.to_pandas`."""
+        return self.trajectory.to_pandas()
+
     def __str__(self) -> str:
         head = (
             f"{self.status.name}: {self.iterations} iterations, {self.wall_s:.2f} s, cost {self.cost:.6g}\n"
