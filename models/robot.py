@@ -13,6 +13,7 @@ import pinocchio
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe.html import html_table
 from piaffe.ocp import match_labels
 
 from .doctor_urdf import Finding
@@ -109,6 +110,12 @@ class Robot:
     def __repr__(self) -> str:
         feet = " ".join(self.foot_names)
         return f"Robot('{self.name}', {len(self.joint_names)} joints, feet {feet}, {self.mass:.3f} kg)"
+
+    def _repr_html_(self) -> str:
+        head = ("joint", "from", "to", "speed", "torque", "inertia of the rotor")
+        limits = (self.joint_lower, self.joint_upper, self.joint_speed_limit, self.torque_limit, self.armature)
+        rows = [(name, *(f"{v[i]:.4g}" for v in limits)) for i, name in enumerate(self.joint_names)]
+        return html_table(f"{self!r}; SI units, angles in rad", head, rows)
 
     # ---- sizes and names
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from piaffe.html import html_table
+
 from .manifold import Manifold
 from .quantity import Quantity
 from .time import SAME_TIME
@@ -23,7 +25,7 @@ SCHEDULED = "scheduled"
 """Mode of a phase of a model that has one phase for all modes (``cut_by_modes`` is False)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PhaseTrajectory:
     """One phase of one model.
 
@@ -56,6 +58,12 @@ class PhaseTrajectory:
     reset_outputs: Mapping[Quantity, Array] = field(default_factory=dict)
     output_labels: Mapping[Quantity, tuple[str, ...]] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return (
+            f"PhaseTrajectory('{self.name}' of '{self.model}', {self.times[0]:g} to {self.times[-1]:g} s, "
+            f"states {self.states.shape}, controls {self.controls.shape})"
+        )
+
     @property
     def duration(self) -> float:
         """Length [s]."""
@@ -73,11 +81,22 @@ class PhaseTrajectory:
         return sample
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """Phases in the order of time."""
 
     phases: tuple[PhaseTrajectory, ...] = field(default=())
+
+    def __repr__(self) -> str:
+        if not self.phases:
+            return "Trajectory(no phases)"
+        names = ", ".join(dict.fromkeys(phase.name for phase in self.phases))
+        return f"Trajectory({len(self.phases)} phases, {self.start:g} to {self.end:g} s: {names})"
+
+    def _repr_html_(self) -> str:
+        head = ("phase", "mode", "model", "from [s]", "to [s]", "stages")
+        rows = [(p.name, p.mode, p.model, f"{p.times[0]:g}", f"{p.times[-1]:g}", len(p.controls)) for p in self.phases]
+        return html_table(repr(self), head, rows)
 
     @property
     def start(self) -> float:
