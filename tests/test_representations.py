@@ -63,7 +63,7 @@ def test_an_object_is_shown_in_one_line_and_in_a_short_table(shown, name) -> Non
 
 def test_what_is_shown_is_what_matters(shown) -> None:
     assert repr(shown["motion"]) == "Motion(2 phases, 0.5 s: rise <fast>, fall)"
-    assert "test_representations.py" in repr(shown["problem"])
+    assert "balls.py" in repr(shown["problem"])
     assert "ball until the end in 0.01 s; 3 costs, 1 constraints" in repr(shown["problem"])
     assert "2 phases, 50 stages of ball; 4 terms" in repr(shown["compiled problem"])
     assert repr(shown["solution"]).startswith(f"Solution(CONVERGED, {shown['solution'].iterations} iterations, ")

@@ -14,7 +14,8 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]
     """Return a titled table; rows beyond ``ROWS`` are counted, not shown.
 
     Args:
-        title: the line above it. head: names of the columns.
+        title: the line above it.
+        head: names of the columns.
         rows: the cells; their text is escaped.
         more: HTML below the table.
     """
