@@ -322,6 +322,10 @@ class ModelBase(ABC):
         """Return what holds in a mode over many steps, for a verification; by default nothing."""
         return Invariants()
 
+    def complete_keyframe(self, values: Mapping[str, object]) -> Mapping[str, object]:
+        """Return the entries of a keyframe after those that follow from several of them; by default the same."""
+        return values
+
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
         """Translate a keyframe's entries to quantities; a rotation as roll, pitch, yaw, (3,) [rad], full turns kept."""
         targets: dict[Quantity, Array] = {}

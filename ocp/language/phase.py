@@ -37,7 +37,8 @@ class Keyframe:
     """Targets at the end of a phase; the path between keyframes is interpolated.
 
     The model defines the names. Models of robots accept ``position``, ``rpy``, ``joints``, ``linear_velocity``,
-    ``angular_velocity`` and ``joint_velocities``. Every model accepts the names of its own states and controls.
+    ``angular_velocity``, ``joint_velocities``, and ``feet``, places of feet that the joints of their legs reach. Every
+    model accepts the names of its own states and controls.
     """
 
     values: Mapping[str, Any]
