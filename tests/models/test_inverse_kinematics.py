@@ -51,10 +51,8 @@ def test_keyframes_and_states_take_places_of_feet(name) -> None:
     body = models.WholeBody(robot)
     position = (0.1, 0.0, 0.9 * robot.base_height())
     standing = of_pose(robot, "stand", position, (0, 0.1, 0))
-    feet = {
-        "FL": standing["FL"] + np.array([0.02, 0.0, 0.02]),
-        robot.foot_names[3]: standing[robot.foot_names[3]] + np.array([-0.02, 0.0, 0.01]),
-    }
+    last = robot.foot_names[3]
+    feet = {"FL": standing["FL"] + np.array([0.02, 0, 0.02]), last: standing[last] + np.array([-0.02, 0, 0.01])}
     expected = robot.inverse_kinematics(feet, position, (0, 0.1, 0))
     state = body.state(position=position, rpy=(0, 0.1, 0), feet=feet)
     assert np.array_equal(state[7 : 7 + robot.num_joints], expected)
