@@ -10,6 +10,7 @@ import pytest
 
 from piaffe import __version__
 from piaffe.cli.app import main
+from piaffe.solvers import Solution
 
 COMMANDS = ("describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache", "mppi", "study")
 
@@ -182,6 +183,46 @@ def test_solve_begins_from_a_saved_solution(capsys: pytest.CaptureFixture[str], 
     code, out, _ = run(capsys, "solve", ball_file, "--warm-start", ball, "--json")
     assert code == 0
     assert json.loads(out)["iterations"] <= 2
+
+
+def test_solve_saves_under_the_name_of_the_file(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, folder: Path
+) -> None:
+    code, out, _ = run(capsys, "solve", ball_file)
+    assert (code, out.splitlines()[-1]) == (0, "saved results/ball.npz")
+    run(capsys, "solve", f"{ball_file}:made", "--json")
+    assert sorted(path.name for path in folder.glob("results/*")) == ["ball-made.npz", "ball.npz"]
+    assert Solution.load(folder / "results" / "ball.npz").converged
+    run(capsys, "solve", f"{ball_file}:kink", "--no-save", "--max-iterations", 1)
+    assert len(list(folder.glob("results/*"))) == 2
+
+
+def test_solve_warns_if_the_default_is_no_place_and_solves(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, folder: Path
+) -> None:
+    (folder / "results").write_text("a file where the folder would be")
+    code, out, err = run(capsys, "solve", ball_file)
+    assert code == 0
+    assert "CONVERGED" in out
+    assert err.startswith("warning: the solution is not saved: ")
+    assert "results" in err
+    code, out, err = run(capsys, "solve", ball_file, "--save", folder / "results" / "ball.npz")
+    assert code == 2  # a place that was asked for is an error, before the solve
+    assert "iteration" not in out
+
+
+def test_solve_draws_what_it_solved(capsys: pytest.CaptureFixture[str], ball_file: Path, folder: Path) -> None:
+    code, out, _ = run(capsys, "solve", ball_file, "--plot", folder / "ball.png", "--save", folder / "ball.npz")
+    assert code == 0
+    assert out.splitlines()[-2:] == [f"saved {folder / 'ball.npz'}", f"saved {folder / 'ball.png'}"]
+    assert (folder / "ball.png").read_bytes().startswith(b"\x89PNG")
+    code, out, err = run(capsys, "solve", ball_file, "--plot", folder / "ball.xyz")
+    assert code == 2
+    assert "unknown kind of picture - got '.xyz'" in err
+    assert "iteration" not in out
+    code, _, err = run(capsys, "solve", ball_file, "--video", folder / "ball.avi")
+    assert code == 2
+    assert "unknown kind of film - got '.avi'" in err
 
 
 # ---- verify
