@@ -12,7 +12,10 @@ from piaffe import __version__
 from piaffe.cli.app import main
 from piaffe.solvers import Solution
 
-COMMANDS = ("describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache", "mppi", "study")
+COMMANDS = (
+    "new", "describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache", "mpc", "mppi", "study",
+    "export",
+)  # fmt: skip
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -377,3 +380,31 @@ def test_help_does_not_wait_for_what_commands_import() -> None:
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "piaffe.cli.app" in loaded
     assert {"casadi", "numpy", "mujoco", "matplotlib", "piaffe.ocp"} & set(loaded) == set()
+
+
+# ---- new
+
+
+@pytest.mark.parametrize("robot", ["mini_cheetah", "solo12", "go2", "anymal_c"])
+def test_a_new_motion_is_ready_to_solve_and_executes(
+    capsys: pytest.CaptureFixture[str], folder: Path, robot: str
+) -> None:
+    code, out, _ = run(capsys, "new", folder / "hop", "--robot", robot)
+    assert (code, out.splitlines()) == (0, [f"saved {folder / 'hop' / name}" for name in ("README.md", "motion.py")])
+    code, _, err = run(capsys, "solve", folder / "hop" / "motion.py")
+    assert (code, err) == (0, "")  # no warning
+    code, out, _ = run(capsys, "verify", "results/motion.npz", folder / "hop" / "motion.py", "--simulate", "--seeds", 2)
+    assert code == 0
+    assert "2 of 2 starts followed to the end" in out
+
+
+def test_new_overwrites_nothing(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    (folder / "motion.py").write_text("mine")
+    code, out, err = run(capsys, "new", folder)
+    assert (code, out) == (2, "")
+    assert "motion.py' exists - got a folder with this file" in err
+    assert (folder / "motion.py").read_text() == "mine"
+    code, _, err = run(capsys, "new", folder / "other", "--robot", "solo13")
+    assert code == 2
+    assert "did you mean 'solo12'?" in err
+    assert not (folder / "other").exists()
