@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .manifold import Manifold
+from .phase_trajectory import PhaseTrajectory
 from .quantity import Quantity
-from .trajectory import PhaseTrajectory, Trajectory
 
 TIME = "time [s]"
 KEYS = ("phase", "mode", "model", "ends_phase")
@@ -32,14 +32,14 @@ def names_of(space: Manifold) -> list[str]:
     return names
 
 
-def columns_of(trajectory: Trajectory) -> Columns:
+def columns_of(phases: Sequence[PhaseTrajectory]) -> Columns:
     """Return the columns of a trajectory by name.
 
     A phase of N stages has N + 1 rows; controls and outputs are NaN in its last row, where the phase has none. There,
     and only there, are the outputs of a reset. Columns that a model does not have are NaN too. So the end of a phase
     and the start of the next one are two rows with the same time.
     """
-    parts = [_rows(part) for part in trajectory.phases]
+    parts = [_rows(part) for part in phases]
     names = list(dict.fromkeys(name for part in parts for name in part))
     sizes = [len(part[TIME]) for part in parts]
     blank = [np.full(size, np.nan) for size in sizes]

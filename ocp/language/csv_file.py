@@ -18,16 +18,16 @@ from piaffe.files import write_whole
 from .columns import KEYS, TIME, columns_of, names_of
 from .manifold import Manifold
 from .model import ModelBase
+from .phase_trajectory import PhaseTrajectory
 from .quantity import Quantity
 from .time import SAME_TIME
-from .trajectory import PhaseTrajectory, Trajectory
 
 Array = NDArray[np.float64]
 
 
-def write_csv(trajectory: Trajectory, path: Path) -> Path:
+def write_csv(phases: Sequence[PhaseTrajectory], path: Path) -> Path:
     """Write a trajectory as CSV, see :meth:`Trajectory.to_csv`."""
-    columns = columns_of(trajectory)
+    columns = columns_of(phases)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
@@ -37,7 +37,7 @@ def write_csv(trajectory: Trajectory, path: Path) -> Path:
     return path
 
 
-def read_csv(path: Path, models: Sequence[ModelBase]) -> Trajectory:
+def read_csv(path: Path, models: Sequence[ModelBase]) -> tuple[PhaseTrajectory, ...]:
     """Read a trajectory from CSV, see :meth:`Trajectory.from_csv`."""
     names, rows = _table(path)
     columns = {name: [row[i] for row in rows] for i, name in enumerate(names)}
@@ -57,7 +57,7 @@ def read_csv(path: Path, models: Sequence[ModelBase]) -> Trajectory:
                 f"{times[start:stop][:3].tolist()} in one phase, expected at least two increasing times [s]; "
                 "sort the rows"
             )
-    return Trajectory(tuple(_phase(path, columns, times, slice(*span), models) for span in spans))
+    return tuple(_phase(path, columns, times, slice(*span), models) for span in spans)
 
 
 def _table(path: Path) -> tuple[list[str], list[list[str]]]:

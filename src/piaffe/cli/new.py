@@ -20,11 +20,7 @@ def new(
     from piaffe.files import write_whole
 
     feet = " ".join(models.load(robot).foot_names)
-    starters = {
-        each.name.removesuffix(".in"): each
-        for each in files("piaffe.cli").joinpath("starter").iterdir()
-        if each.is_file()
-    }
+    starters = {each.name.removesuffix(".in"): each for each in files("piaffe.cli").joinpath("starter").iterdir()}
     present = sorted(name for name in starters if (folder / name).exists())
     if present:
         raise FileWriteError(
