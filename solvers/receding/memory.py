@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from piaffe.codegen import aligned_zeros
 from piaffe.ocp import Horizon, LoweredMode, LoweredTransition
 
-from ..ilqr import OPTIONS, Library, Options, RecordStruct, structs_of
+from ..ilqr import OPTIONS, Options, RecordStruct, structs_of
 from . import structs as s
+from .code import HorizonCode
 from .keeper import Keeper
 from .plan_memory import PlanMemory
 from .retiming import Retiming
@@ -34,6 +35,8 @@ class RecedingMemory(Keeper):
         iterations: of a plan.
         first_iterations: of the first plan.
         adapt_below: see :class:`Adapting`; 0 for a fixed barrier.
+        code: the libraries; by default those of this horizon alone.
+        number: of the horizon among those of the code.
 
     Attributes:
         starts: ticks at which a horizon may begin; later ones of a cycle need no more memory.
@@ -52,10 +55,13 @@ class RecedingMemory(Keeper):
         first_iterations: int,
         retiming: Retiming | None = None,
         adapt_below: float = 0.0,
+        code: HorizonCode | None = None,
+        number: int = 0,
     ) -> None:
         super().__init__()
-        self.horizon, self.tables = horizon, HorizonMemory(horizon)
-        self.modes, self.links, self.width = self.tables.modes, self.tables.links, self.tables.width
+        self.code = code = code or HorizonCode([horizon])
+        self.horizon, self.tables = horizon, HorizonMemory(horizon, code, number)
+        self.modes, self.links, self.width = self.tables.modes, self.tables.links, code.width
         self.c = s.Receding(
             horizon=ct.addressof(self.tables.c), latency=latency, iterations=iterations,
             first_iterations=first_iterations, adapt_below=adapt_below,
@@ -66,7 +72,7 @@ class RecedingMemory(Keeper):
         self._solver_memory(options, max(iterations, first_iterations))
         self._work()
         self.measure()
-        self._plan = self.tables.library.receding_plan
+        self._plan = code.library.receding_plan
         self._plan.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p)
         self._x = np.zeros(horizon.models[0].state.nx)
 
@@ -81,7 +87,7 @@ class RecedingMemory(Keeper):
 
     def view(self, plan: PlanMemory) -> None:
         """Let the view of a plan refer to its numbers."""
-        self.tables.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
+        self.code.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
 
     def reset(self) -> None:
         """Forget the last plan."""
@@ -105,10 +111,9 @@ class RecedingMemory(Keeper):
         self.problem = problem
         c.problem = ct.addressof(problem)
         scratch = self.keep((kinds.Block * len(every))())
-        for i, (block, lowered) in enumerate(zip(scratch, every, strict=True)):
+        for block, lowered in zip(scratch, every, strict=True):
             rows = {kind: len(own) for kind, own in lowered.rows.items()}
-            name = f"mode{i}" if i < len(self.modes) else f"transition{i - len(self.modes)}"
-            factors = _factors(self.tables.solver, name)
+            factors = _factors(self.code, lowered)
             counts = {
                 "p": lowered.layout.size, "z": lowered.nz, "factors": factors,
                 "residual": rows.get("stage_residual", rows.get("residual", 0)),
@@ -121,7 +126,7 @@ class RecedingMemory(Keeper):
 
     def _work(self) -> None:
         """Allocate what functions read and write."""
-        c, functions = self.c, self.tables.functions
+        c, functions = self.c, self.code.functions
         pieces = self.horizon.courses.pieces
         own = [piece.functions for piece in pieces if piece.functions is not None]
         c.most_memory = max([1, *(of.num_memory for of in own)])
@@ -134,7 +139,7 @@ class RecedingMemory(Keeper):
             for f in functions.values()
         )
         c.lanes = self.zero_vectors(most, self.width)
-        c.work = self.zero_vectors(max(self.tables.work.values()), self.width)
+        c.work = self.zero_vectors(max(self.code.work.values()), self.width)
         ends = max((of.num_sample for of in own), default=0) + max((of.num_start for of in own), default=0)
         layouts = [mode.layout for mode in self.modes] + [link.layout for link in self.links]
         c.rows = self.zeros(max(ends, *(layout.size for layout in layouts)))
@@ -166,15 +171,21 @@ class RecedingMemory(Keeper):
         end = last if calendar.cycle else last - step + 1
         self.starts = range(0, end, gcd(step, calendar.period))
         for k in self.starts:
-            self.tables.library.receding_sizes(
+            self.code.library.receding_sizes(
                 ct.byref(c), ct.c_long(k), ct.byref(size), ct.byref(numbers), ct.byref(entries)
             )
             needs.append((size.value, numbers.value, entries.value))
         self.arena_bytes, self.plan_numbers, self.plan_entries = (max(each) for each in zip(*needs, strict=True))
-        c.arena.base = self.keep(aligned_zeros(self.arena_bytes // 8 + 8)).ctypes.data
+        self.work_in(aligned_zeros(self.arena_bytes // 8 + 8))
+
+    def work_in(self, arena: Array) -> None:
+        """Let the solver work in other memory, of ``arena_bytes`` or more; what it has there lasts no longer than a tick."""
+        self._arena, self.c.arena.base = arena, arena.ctypes.data
 
 
-def _factors(library: Library, name: str) -> int:
+def _factors(code: HorizonCode, of: LoweredMode | LoweredTransition) -> int:
     """Return the number of factors of a mode or transition, from the sizes at the beginning of its table."""
-    sizes = (ct.c_int * 6).in_dll(library.loaded, f"{name}_table")
-    return int(sizes[4] if name.startswith("mode") else sizes[5])
+    is_mode = isinstance(of, LoweredMode)
+    name = f"mode{code.modes.index(of)}" if isinstance(of, LoweredMode) else f"transition{code.links.index(of)}"
+    sizes = (ct.c_int * 6).in_dll(code.solver.loaded, f"{name}_table")
+    return int(sizes[4] if is_mode else sizes[5])
