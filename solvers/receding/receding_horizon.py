@@ -72,7 +72,7 @@ class RecedingHorizon:
                 f"receding horizon: period is out of range - got {period:g} s, expected a multiple of the first "
                 f"model's time step {horizon.dt:g} s; change one"
             )
-        _check_latency(latency, period)
+        check_latency(latency, period)
         self.period, self.iterations, self.latency = period, iterations, latency
         self.first_iterations, self.backend = first_iterations, backend
         given = (barrier or Fixed(0.05, 0.1)).options(options or Options(penalty=1000.0))
@@ -97,6 +97,12 @@ class RecedingHorizon:
     def initial(self) -> Array:
         """Initial state of the declared problem (nx,)."""
         return self.problem.initial
+
+    @property
+    def readable(self) -> NumpyTick:
+        """The tick in NumPy; only with this backend."""
+        assert self._numpy is not None  # the other backend
+        return self._numpy
 
     @property
     def compiled(self) -> NativeTick | None:
@@ -165,20 +171,20 @@ class RecedingHorizon:
                 latency is zero, so that there is no time for plans in a thread, or more than the period.
         """
         if latency is not None:
-            _check_latency(latency, self.period)
+            check_latency(latency, self.period)
         return Loop(self._native, low, self.period, max(self.latency, latency or 0.0), thread=thread)
 
     def _planned(self, state: Array, t: float) -> Plan:
         if self._native is not None:
             return self._native(state, t, self._commands)
-        assert self._numpy is not None  # the other backend
         start = ceil((t + self.latency - SAME_TIME) / self.horizon.dt) * self.horizon.dt
-        state = self._numpy.predicted(state, t, start)
-        iterations = self.iterations if self._numpy.began else self.first_iterations
-        return self._numpy(state, start, t, iterations, self._commands)
+        state = self.readable.predicted(state, t, start)
+        iterations = self.iterations if self.readable.began else self.first_iterations
+        return self.readable(state, start, t, iterations, self._commands)
 
 
-def _check_latency(latency: float, period: float) -> None:
+def check_latency(latency: float, period: float) -> None:
+    """Raise SolverError unless a latency is at most the period [s]."""
     if not 0 <= latency <= period + SAME_TIME:
         raise SolverError(
             f"receding horizon: latency is out of range - got {latency:g} s, expected 0 to the period, "
