@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,8 @@ class Changes:
 
     A motion without an end gives way at the start of a phase of its cycle; one with an end is finished first. There,
     another motion begins with a phase of which all feet have just stood or land now. A phase without feet fits only
-    where all feet leave the ground, and only if no other phase fits. A motion whose only piece is endless may begin with
-    any phase of its cycle, others with their first phase.
+    where all feet leave the ground, and only if no other phase fits. A motion begins with its first phase if that fits; one
+    whose only piece is endless else with the first phase of its cycle that fits.
 
     Args:
         horizons: the motions by name.
@@ -43,8 +43,13 @@ class Changes:
         self.allowed = pairs if allowed is None else pairs & set(allowed)
         self.entries = [self._table(name) for name in horizons]
         for a, b in sorted(self.allowed):
-            if not (self.entries[self._names.index(a)][:, self._names.index(b)] >= 0).any():
+            if not (self.entries[self._names.index(a)][self._late(a) :, self._names.index(b)] >= 0).any():
                 raise self._never(a, b)
+
+    def _late(self, name: str) -> int:
+        """Return the first phase of a motion that comes again and again; its end, if it has one."""
+        calendar = self._horizons[name].calendar
+        return len(calendar.entries) - calendar.cycle
 
     def _table(self, name: str) -> Entries:
         horizon, feet = self._horizons[name], self._feet[name]
@@ -55,14 +60,14 @@ class Changes:
                 continue
             for entry in _exits(horizon):
                 before, after = feet[entry - 1], feet[entry]
-                found[entry, other] = self._entry(to, before, after, _begins(self._horizons[to], in_stride=True))
+                found[entry, other] = self._entry(to, before, after)
             if not horizon.calendar.cycle:
-                found[count, other] = self._entry(to, feet[-1], feet[-1], _begins(self._horizons[to], in_stride=False))
+                found[count, other] = self._entry(to, feet[-1], feet[-1])
         return found
 
-    def _entry(self, to: str, before: Flags, after: Flags, begins: Sequence[int]) -> int:
+    def _entry(self, to: str, before: Flags, after: Flags) -> int:
         """Return the first phase that fits at a boundary; -1 for none."""
-        feet, there = self._feet[to], before | after
+        begins, feet, there = _begins(self._horizons[to]), self._feet[to], before | after
         if not there.size:
             return begins[0]
         for entry in begins:
@@ -74,7 +79,7 @@ class Changes:
     def _never(self, a: str, b: str) -> ProblemError:
         calendars = self._horizons[a].calendar, self._horizons[b].calendar
         has = ", ".join(f"'{name}'" for name in dict.fromkeys(entry.phase.name for entry in calendars[0].entries))
-        begins = _begins(self._horizons[b], in_stride=bool(calendars[0].cycle))
+        begins = _begins(self._horizons[b])
         wants = ", ".join(f"'{name}'" for name in dict.fromkeys(calendars[1].entries[i].phase.name for i in begins))
         return ProblemError(
             f"motions: '{b}' never begins after '{a}' - got phases {has} of '{a}', none of which ends where all feet of "
@@ -90,14 +95,13 @@ def _exits(horizon: Horizon) -> range:
     return range(max(horizon.calendar.firsts[-1][0], 1), len(horizon.calendar.entries))
 
 
-def _begins(horizon: Horizon, *, in_stride: bool) -> list[int]:
-    """Return the phases with which a motion may begin; in stride, those of the cycle come first."""
+def _begins(horizon: Horizon) -> list[int]:
+    """Return the phases with which a motion may begin, the first one first."""
     calendar = horizon.calendar
     if len(calendar.firsts) > 1 or not calendar.cycle:
         return [0]
     once = len(horizon.problem.motion.pieces[0].once)
-    cycle = list(range(once, once + calendar.cycle))
-    return cycle + [0] * bool(once) if in_stride else list(dict.fromkeys([0, *cycle]))
+    return list(dict.fromkeys([0, *range(once, once + calendar.cycle)]))
 
 
 def _feet_on_ground(horizon: Horizon) -> Flags:

@@ -29,8 +29,8 @@ class Motions:
 
     Each motion has a planner as :class:`RecedingHorizon`. One is active. ``command(motion="pace")`` asks for another
     one. It takes over at the first start of a phase at which contacts allow: the feet of its first phase stand there
-    before, or land there. A motion whose only piece is endless may begin with any phase of its cycle. A motion with an
-    end is finished first; then follows the motion that is asked for, else the one of ``after``, else the last one
+    before, or land there. If they never do, a motion whose only piece is endless begins with another phase of its cycle.
+    A motion with an end is finished first; then follows the motion that is asked for, else the one of ``after``, else the last one
     without an end.
 
     A motion begins where the robot is, at the state that the plan before predicts, with the commands that it knows. Its
