@@ -109,6 +109,11 @@ class HorizonMemory(Keeper):
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
             clock=ct.cast(solver.piaffe_now, ct.c_void_p),
             adapt=ct.cast(solver.piaffe_adapt, ct.c_void_p),
+            num_lanes=max(
+                sum(f.numel_in(i) for i in range(f.n_in())) + sum(f.numel_out(i) for i in range(f.n_out()))
+                for f in self.functions.values()
+            ),
+            num_work=max(self.work.values()),
             followed=self.ints([own_modes.index(mode) if mode in own_modes else -1 for mode in self.modes]),
         )  # fmt: skip
 
