@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
+
+from piaffe.ocp import LoweredMode
 
 from ..receding import HEADER, NUM_FIGURES, PART, Plan, RecedingHorizon, RecedingMemory
 from ..tracking import LowLevel
@@ -56,7 +59,7 @@ class Recorder:
         plan = self._mpc.plan(x, t)
         told = self._memory.tables.commands
         memory = plan.parts.memory  # type: ignore[attr-defined]  # a tick in C has made it
-        header, ranges = self._lean(memory.header)
+        header, ranges = self._lean(memory.header, plan.modes)
         self._write(PLAN, np.array([t]), x, told, before, header)
         for first, place, count in ranges:
             self._write(place, count)
@@ -103,7 +106,9 @@ class Recorder:
             c.last_equality, *self._memory.memory,
         ], dtype=float)  # fmt: skip
 
-    def _lean(self, header: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[tuple[int, int, int]]]:
+    def _lean(
+        self, header: NDArray[np.int64], followed: Sequence[LoweredMode]
+    ) -> tuple[NDArray[np.int64], list[tuple[int, int, int]]]:
         """Return the header of a plan without what no low level reads, and what is recorded of its numbers.
 
         The latter are ranges: where they are, where they are in the plan without the rest, and how many numbers.
@@ -122,9 +127,8 @@ class Recorder:
             rows = [n * stage[0]] * 2 + [n * stage[1]] * 2 + [ends[0]] * 2 + [ends[1]] * 2
             kept = rows if memory.c.adapt_below > 0 else [0] * len(rows)  # of an adapting barrier
             few = min(n, self._stages) if part[_SEGMENT] == 0 else 0
-            every = (
-                nu, nu * ndx, 0, nu, 0, nu * ndx, nu * nu, mode.layout.size, *stage,
-            )  # fmt: skip
+            read = (nu, 0, nu * ndx, nu * nu, mode.layout.size, *stage) if mode in followed else (0,) * 7
+            every = nu, nu * ndx, 0, *read
             sizes = [n + 1, (n + 1) * nx, n * nu, *(n * size for size in every), link, *kept]
             counts = [n + 1, (n + 1) * nx, n * nu, *(few * size for size in every), link, *kept]
             for j, (size, count) in enumerate(zip(sizes, counts, strict=True)):

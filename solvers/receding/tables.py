@@ -104,6 +104,11 @@ class HorizonMemory(Keeper):
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
             clock=ct.cast(solver.piaffe_now, ct.c_void_p),
             adapt=ct.cast(solver.piaffe_adapt, ct.c_void_p),
+            num_lanes=max(
+                sum(f.numel_in(i) for i in range(f.n_in())) + sum(f.numel_out(i) for i in range(f.n_out()))
+                for f in code.functions.values()
+            ),
+            num_work=max(code.work.values()),
             followed=self.ints([code.followed.index(mode) if mode in code.followed else -1 for mode in self.modes]),
         )  # fmt: skip
 

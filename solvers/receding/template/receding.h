@@ -78,7 +78,8 @@ typedef struct {
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
     int (*solve)(Problem *, int), (*policy)(Problem *);
     void (*adapt)(Problem *, int, double);
-    int lean;                           /* plans have no Q_x and Q_xx, which low levels do not read */
+    int lean;                           /* plans have only what low levels and the next plan read */
+    int num_lanes, num_work;            /* vectors that go into and out of a function of these tables, and that it works with */
     double (*clock)(const Problem *);   /* seconds */
     const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
 } Horizon;
@@ -157,9 +158,9 @@ typedef struct receding {
     double *frames, *memories;          /* of the pieces in the horizon: (num_pieces, 3), (num_pieces, most memory) */
     long *nows;
     int most_memory;
-    Block *scratch;                     /* one node of each mode, then of each transition */
+    Block *single;                      /* a node of any mode or transition, before a solve: in the arena */
     double *rows, *x;                   /* a parameter row; a state */
-    vd *lanes, *work;                   /* inputs and outputs of functions; their work arrays */
+    vd *lanes, *work;                   /* inputs and outputs of functions; where they work: in the arena */
 } Receding;
 
 /* Returns 0, or why there is no plan; with NOT_FINITE_PLAN there is one, but the next one begins anew. */
