@@ -76,7 +76,7 @@ class HorizonMemory(Keeper):
                 calendar.entries, calendar.following, horizon.falls.heights, strict=True
             )
         ]
-        samples = np.concatenate(horizon.courses.tables)
+        samples = self._samples()
         frames = [
             horizon.models[0].planar_frame(horizon.targets.unpack(row))
             for row in samples
@@ -111,6 +111,12 @@ class HorizonMemory(Keeper):
             num_work=max(code.work.values()),
             followed=self.ints([code.followed.index(mode) if mode in code.followed else -1 for mode in self.modes]),
         )  # fmt: skip
+
+    def _samples(self) -> Array:
+        """Return the samples at the ticks of all entries up to the last one that reads them, (rows, num_targets)."""
+        courses, entries = self.horizon.courses, self.horizon.calendar.entries
+        read = [i for i, entry in enumerate(entries) if courses.pieces[entry.placed.piece].functions is None]
+        return np.concatenate([np.zeros((0, self.horizon.targets.size)), *courses.tables[: max(read, default=-1) + 1]])
 
     def _table(self, name: str) -> int:
         return ct.addressof(ct.c_char.in_dll(self.code.solver.loaded, name))
