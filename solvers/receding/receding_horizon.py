@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -129,9 +131,18 @@ class RecedingHorizon:
             UnknownNameError: the motion has no such command.
             ProblemError: a value is not finite.
         """
-        self._commands |= self.horizon.checked_commands(values)
+        self._commands |= self.checked_commands(values)
         if self._native is not None:
             self._native.tell(self._commands)
+
+    def checked_commands(self, values: Mapping[str, Any]) -> dict[str, float]:
+        """Return commands as numbers.
+
+        Raises:
+            UnknownNameError: the motion has no such command.
+            ProblemError: a value is not finite.
+        """
+        return self.horizon.checked_commands(values)
 
     def velocity(self, t: float) -> Array:
         """Return the commanded velocity ahead, to the left [m/s], and yaw rate [rad/s], (3,)."""
