@@ -80,6 +80,7 @@ class OnlineRun:
         self._plans: list[tuple[float, float, float, str, str, str, float]] = []
         self._collisions: dict[str, float] = {}
         self._acting, self._made = self._planner is None, np.nan
+        self._waits: MadePlan | None = None
         self._step, self._control, self._recorded = 0, np.zeros(nu), False
         self._sensed, self._estimate, self._before = -1, x, (x, np.nan)
         self._counts = {name: getattr(self._low, name, 0) for name in _COUNTED}
@@ -111,12 +112,20 @@ class OnlineRun:
         return x
 
     def plan(self, x: Array, t: float) -> None:
-        """Follow the plan that was asked for, if it is ready; a loop does so itself, from the first one on."""
+        """Take the plan that was asked for, if it is ready; a loop does so itself, from the first one on."""
         made = None if self.planning is None or (self._loop is not None and self._acting) else self.planning.take()
-        if made is not None:
-            if self._loop is None:
-                self._low.follow(made.plan)
-            self._note(made, t)
+        self._waits = made or self._waits
+        self._follow(t)
+
+    def _follow(self, t: float) -> None:
+        """Follow the plan that waits, from its start on."""
+        made = self._waits
+        if made is None or float(getattr(made.plan, "start", t)) > t + SAME_TIME:
+            return
+        self._waits = None
+        if self._loop is None:
+            self._low.follow(made.plan)
+        self._note(made, t)
 
     def _note(self, made: MadePlan | None, t: float) -> None:
         """Note that a plan acts from time t on [s]."""
@@ -150,6 +159,7 @@ class OnlineRun:
 
     def _tick(self, x: Array, t: float) -> None:
         self._complete()
+        self._follow(t)
         self.fault = self._fault_of(x)
         if self.fault:
             return
