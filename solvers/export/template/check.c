@@ -11,6 +11,7 @@
 
 #include "names.h"
 #include "private.h"
+#include "constants.h"
 
 static const double PLANS = 1e-6, TICKS = 1e-9; /* largest differences, relative to 1 or to the size of a number */
 
@@ -207,10 +208,12 @@ static Differences restart(NAME *c, const char *path)
             compare(made->numbers, now, iterate, NUM_NUMBERS, &found.plans, &found.num_plans);
             load(c, made, e.header, now);
             earlier = last, last = next, plans++;
-            c->memory.low.plan = &c->places[last].view;
+            if (plans == 1) c->memory.low.plan = &made->view;
             double *swap = now;
             now = before, before = swap;
         } else {
+            const struct place *newest = &c->places[last]; /* it acts from its start on */
+            if (newest->numbers[newest->header[HEADER + AT_TIMES]] <= e.t + SAME_TIME) c->memory.low.plan = &newest->view;
             piaffe_tick(&c->memory.low, e.x, e.t, out.torque, &c->memory.outcome);
             compare(out.torque, e.u, NULL, NAME_NU, &found.ticks, &found.num_ticks);
         }
