@@ -39,7 +39,14 @@ def run(seeds: range, seconds: float = 12.0) -> list[simulation.OnlineEpisode]:
         start = drawn.start.around(plant.model, planner.initial, seed)
         episodes.append(
             simulation.run_online(
-                planner, low, plant, seconds=seconds, latency=mpc["latency"], seed=seed, initial=start, fall=fall,
+                planner,
+                low,
+                plant,
+                seconds=seconds,
+                latency=mpc["latency"],
+                seed=seed,
+                initial=start,
+                fall=fall,
                 commands=commands,
             )
         )

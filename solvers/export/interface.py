@@ -34,7 +34,7 @@ def commands(layout: Layout) -> str:
     if layout.motions:
         numbers = ", ".join(f"NAME_MOTION_{name.upper()}" for name in layout.motions)
         enum += (
-            "/* The motions. The one that is asked for begins at the next boundary of phases at which contacts allow. */\n"
+            "/* The motions. The one that is asked for begins at the next boundary of phases where contacts allow. */\n"
             f"enum {{ {numbers}, NAME_MOTIONS }};\n"
         )
         fields += "    int motion;\n"
@@ -60,7 +60,8 @@ def command_code(layout: Layout) -> str:
         lines.append(
             "    if (commands->set & NAME_MOTION) {\n"
             "        if (commands->motion < 0 || commands->motion >= NAME_MOTIONS) return NAME_BAD_COMMAND;\n"
-            "        wanted[0] = (floor(wanted[0] / NAME_MOTIONS) + 1.0) * NAME_MOTIONS + commands->motion; /* a new request */\n"
+            "        const double requests = floor(wanted[0] / NAME_MOTIONS) + 1.0; /* this one included */\n"
+            "        wanted[0] = requests * NAME_MOTIONS + commands->motion;\n"
             "    }\n"
         )
     return (

@@ -40,7 +40,8 @@ def manifest(
     """
     told = {
         "name": name, "piaffe": __version__, "casadi": cs.CasadiMeta.version(), "python": platform.python_version(),
-        "declaration": _hash(str(problem)), "motions": list(layout.motions), "options": {key: str(value) for key, value in options.items()},
+        "declaration": _hash(str(problem)), "motions": list(layout.motions),
+        "options": {key: str(value) for key, value in options.items()},
         "period_s": float(values["PERIOD"]), "latency_s": float(values["LATENCY"]),
         "iterations": int(values["ITERATIONS"]), "time_limit_s": float(values["TIME_LIMIT"]),
         "plan_numbers": int(values["NUM_NUMBERS"]), "stack_bytes": 65536,

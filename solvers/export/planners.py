@@ -21,7 +21,10 @@ _ONE = {
     "MOTION_PYTHON": "", "MOTIONS_PYTHON": "", "RESTARTED": "",
     "PLANNER_CODE": """Receding *NAME_planner(NAME *c, int motion) { return (void)motion, &c->memory.receding; }
 
-int NAME_make(NAME *c, const double *x, double t, const Plan *plan) { return receding_plan(&c->memory.receding, x, t, plan); }
+int NAME_make(NAME *c, const double *x, double t, const Plan *plan)
+{
+    return receding_plan(&c->memory.receding, x, t, plan);
+}
 
 static void forget_plans(NAME *c)
 {
@@ -58,15 +61,21 @@ def _several(motions: Sequence[str], first: int) -> dict[str, str]:
         "MOTIONS_PYTHON": names,
         "RESTARTED": (
             "    Motions *m = &c->memory.motions;\n"
-            "    m->seen = p[0], m->active = (int)p[1], m->home = (int)p[2], m->request = (int)p[3], m->next = (int)p[4];\n"
-            "    m->entry = (int)p[5], m->made = (int)p[6], m->left = (int)p[7], m->until = p[8];\n"
+            "    m->seen = p[0], m->active = (int)p[1], m->home = (int)p[2], m->request = (int)p[3];\n"
+            "    m->next = (int)p[4], m->entry = (int)p[5], m->made = (int)p[6], m->left = (int)p[7], m->until = p[8];\n"
             "    p += 9, active = m->active;\n"
             "    if (m->left >= 0) NAME_planner(c, m->left)->last = c->places[before].plan;\n"
             "    if (m->next >= 0) NAME_planner(c, m->next)->last = c->ahead.plan;\n"
         ),
-        "PLANNER_CODE": f"""Receding *NAME_planner(NAME *c, int motion) {{ return c->memory.motions.motions[motion].planner; }}
+        "PLANNER_CODE": f"""Receding *NAME_planner(NAME *c, int motion)
+{{
+    return c->memory.motions.motions[motion].planner;
+}}
 
-int NAME_make(NAME *c, const double *x, double t, const Plan *plan) {{ return motions_plan(&c->memory.motions, x, t, plan); }}
+int NAME_make(NAME *c, const double *x, double t, const Plan *plan)
+{{
+    return motions_plan(&c->memory.motions, x, t, plan);
+}}
 
 static void forget_plans(NAME *c) {{ motions_reset(&c->memory.motions, {first}); }}
 """,

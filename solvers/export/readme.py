@@ -18,9 +18,9 @@ _COMMANDS = "SI units: speeds in m/s, rates in rad/s, lengths in m.\n\n| command
 _MOTIONS = """
 
 The motions are {names}, with the numbers `NAME_MOTION_...` of the header.
-`commands.set = NAME_MOTION; commands.motion = ...` asks for one. It begins at the next boundary of phases at which contacts
-allow, where the robot is, and after a motion with an end when that is over. A request counts until its motion begins, or
-until the next request; to ask for the motion that is active takes it back.
+`commands.set = NAME_MOTION; commands.motion = ...` asks for one. It begins where the robot is, at the next boundary of
+phases at which contacts allow, or when a motion with an end is over. A request counts until its motion begins, or until
+the next request; to ask for the motion that is active takes it back.
 `output.motion` is the motion of the plan that acts, and `output.next_motion` the one that is asked for.
 While a change is prepared, a plan takes up to twice as long, and `time_limit` counts twice.
 """

@@ -1,4 +1,4 @@
-"""Where one motion may give way to another: at boundaries of phases at which the feet of the other one stand or land."""
+"""Where one motion may give way to another: at boundaries of phases where the feet of the other stand or land."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ Entries = NDArray[np.int32]
 class Changes:
     """The phases with which motions begin after each other.
 
-    A motion without an end gives way at the start of a phase of its cycle; one with an end is finished first. There,
-    another motion begins with a phase of which all feet have just stood or land now. A phase without feet fits only
-    where all feet leave the ground, and only if no other phase fits. A motion begins with its first phase if that fits; one
-    whose only piece is endless else with the first phase of its cycle that fits.
+    A motion without an end gives way at the start of a phase of its endless piece; one with an end is finished first.
+    There, another motion begins with a phase of which all feet have just stood or land now. A phase without feet fits
+    only where all feet leave the ground, and only if no other phase fits. A motion begins with its first phase if that
+    fits; one whose only piece is endless else with the first phase of its cycle that fits.
 
     Args:
         horizons: the motions by name.
@@ -82,8 +82,8 @@ class Changes:
         begins = _begins(self._horizons[b])
         wants = ", ".join(f"'{name}'" for name in dict.fromkeys(calendars[1].entries[i].phase.name for i in begins))
         return ProblemError(
-            f"motions: '{b}' never begins after '{a}' - got phases {has} of '{a}', none of which ends where all feet of "
-            f"{wants} stand or land; add a phase to one of them, or leave the pair out: "
+            f"motions: '{b}' never begins after '{a}' - got phases {has} of '{a}', none of which ends where all feet "
+            f"of {wants} stand or land; add a phase to one of them, or leave the pair out: "
             "changes=[('from', 'to'), ...] names those that are wanted"
         )
 

@@ -55,13 +55,13 @@ class HorizonCode:
 
 
 def commanded(horizon: Horizon, commands: Mapping[str, float]) -> Array:
-    """Return the commands of all pieces of a horizon, one piece after another: values by name, else the declared ones."""
+    """Return the commands of all pieces of a horizon in turn: values by name, else the declared ones."""
     pieces = (each for each in horizon.courses.pieces if each.functions is not None)
     return np.concatenate([np.zeros(0), *(piece.commanded(commands) for piece in pieces)])
 
 
 def _merged(given: Sequence[Mapping[str, cs.Function]]) -> tuple[dict[str, cs.Function], list[dict[str, str]]]:
-    """Return the functions of all horizons by name, equal ones of different horizons once, and their names per horizon."""
+    """Return the functions of all horizons by name, equal ones of several horizons once, and the names per horizon."""
     if len(given) == 1:
         return dict(given[0]), [{name: name for name in given[0]}]
     found: dict[str, cs.Function] = {}

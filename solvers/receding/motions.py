@@ -29,9 +29,9 @@ class Motions:
 
     Each motion has a planner as :class:`RecedingHorizon`. One is active. ``command(motion="pace")`` asks for another
     one. It takes over at the first start of a phase at which contacts allow: the feet of its first phase stand there
-    before, or land there. If they never do, a motion whose only piece is endless begins with another phase of its cycle.
-    A motion with an end is finished first; then follows the motion that is asked for, else the one of ``after``, else the last one
-    without an end.
+    before, or land there. If they never do, a motion whose only piece is endless begins with another phase of its
+    cycle. A motion with an end is finished first; then follows the motion that is asked for, else the one of ``after``,
+    else the last one without an end.
 
     A motion begins where the robot is, at the state that the plan before predicts, with the commands that it knows. Its
     first plans are made ahead of the change and do not act; they have as many iterations as any plan. So while a change
@@ -68,8 +68,8 @@ class Motions:
         self.problems = checked_problems(problems)
         self._names = names = list(problems)
         first = self._index(names[0] if start is None else start, "start")
-        for name, following in (after or {}).items():
-            self._index(name, "after"), self._index(following, f"after '{name}'")
+        for name, other in (after or {}).items():
+            self._index(name, "after"), self._index(other, f"after '{name}'")
         for pair in changes or ():
             for name in pair:
                 self._index(name, "changes")
@@ -87,7 +87,8 @@ class Motions:
         self.first_iterations, self.options, self.backend = head.first_iterations, head.options, backend
         self.start = names[first]
         table = Changes(self.horizons, changes)
-        following = [names.index(after[n]) if after and n in after else -1 for n in names]
+        ends = dict(after or {})
+        following = [names.index(ends[n]) if n in ends else -1 for n in names]
         home = self._home(first, following, table)
         self._numpy = self._native = None
         if backend == "native":

@@ -183,4 +183,3 @@ class MotionsTick(NativeTick):
     def _read(self, own: PlanMemory, **more: Any) -> Plan:
         motion, request = self.told_of(own.header)
         return super()._read(own, motion=motion, request=request, every_mode=self.modes, **more)
-

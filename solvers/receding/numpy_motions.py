@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 class Change(NamedTuple):
-    """Where the active motion gives way: the motion that is next, its first phase, and a tick of the active one's clock."""
+    """Where the active motion gives way: the next motion, its first phase, and a tick of the active one's clock."""
 
     motion: int
     entry: int

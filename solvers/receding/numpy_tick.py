@@ -96,7 +96,8 @@ class NumpyTick:
         """Return the plan that begins at time t [s] with a state in the world (nx,).
 
         Args:
-            x: the state. t: the time.
+            x: the state.
+            t: the time.
             measured_at: time of the measured state [s].
             iterations: of the solve.
             commands: commanded values that differ from the declared ones.

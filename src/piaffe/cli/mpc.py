@@ -67,7 +67,9 @@ def mpc(
     payload: Annotated[float, typer.Option(help="Mass on the base of the plant, not of the problem's model [kg].")] = 0,
     command: Annotated[
         list[str] | None,
-        typer.Option(metavar="'vx=0.5@0 yaw=0.5@6'", help="Commands to the gait at times [s]: vx, vy, yaw, height; motion=NAME."),
+        typer.Option(
+            metavar="'vx=0.5@0 yaw=0.5@6'", help="Commands to the gait at times [s]: vx, vy, yaw, height; motion=NAME."
+        ),
     ] = None,
     settle: Annotated[
         float, typer.Option(help="Time after each change of the command that does not count for its speed [s].")

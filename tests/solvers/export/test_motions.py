@@ -48,9 +48,7 @@ def gaits(tmp_path_factory: pytest.TempPathFactory) -> Trot:
 def test_torques_in_simulation_are_those_of_python(gaits: Trot) -> None:
     exported = InSimulation(gaits.module.Controller(), gaits.module.PERIOD, gaits.exported.mpc.initial)
     commands = simulation.parse_commands(COMMANDS)
-    episode = simulation.run_online(
-        exported, exported, gaits.plant, seconds=SECONDS, latency=0.02, commands=commands
-    )
+    episode = simulation.run_online(exported, exported, gaits.plant, seconds=SECONDS, latency=0.02, commands=commands)
     assert set(exported.statuses) == {0}
     assert [name for _, name in gaits.episode.motions] == DRIVEN
     assert gaits.episode.motions[1][0] == pytest.approx(0.55)  # its phase begins between the starts of two plans

@@ -1,6 +1,7 @@
 """Several motions: where one gives way to another, requests, ends; C does what NumPy does."""
 
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def drive(mpc, commands, plans, first=0):
 
 def begins(plans):
     """Return the motions, and the starts of their first plans."""
-    changes = [plans[0], *(b for a, b in zip(plans[:-1], plans[1:], strict=True) if a.motion != b.motion)]
+    changes = [plans[0], *(b for a, b in pairwise(plans) if a.motion != b.motion)]
     return [(each.motion, round(each.start, 9)) for each in changes]
 
 
@@ -160,7 +161,7 @@ def gaits():
 
 
 def entries(*names, allowed=None):
-    """Return the names of the phases with which the second motion begins, by the phase of the first that begins then."""
+    """Return the phases with which the second motion begins, by the phase of the first that would begin then."""
     chosen = {name: gaits()[name] for name in names}
     table = Changes(chosen, allowed).entries[0][:-1, 1]
     first, second = (chosen[name].calendar.entries for name in names)
