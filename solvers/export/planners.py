@@ -62,8 +62,8 @@ def _several(motions: Sequence[str], first: int) -> dict[str, str]:
         "RESTARTED": (
             "    Motions *m = &c->memory.motions;\n"
             "    m->seen = p[0], m->active = (int)p[1], m->home = (int)p[2], m->request = (int)p[3];\n"
-            "    m->next = (int)p[4], m->entry = (int)p[5], m->made = (int)p[6], m->left = (int)p[7], m->until = p[8];\n"
-            "    p += 9, active = m->active;\n"
+            "    m->next = (int)p[4], m->entry = (int)p[5], m->made = (int)p[6], m->left = (int)p[7];\n"
+            "    m->until = p[8], p += 9, active = m->active;\n"
             "    if (m->left >= 0) NAME_planner(c, m->left)->last = c->places[before].plan;\n"
             "    if (m->next >= 0) NAME_planner(c, m->next)->last = c->ahead.plan;\n"
         ),

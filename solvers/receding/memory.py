@@ -161,5 +161,5 @@ class RecedingMemory(Keeper):
         self.work_in(aligned_zeros(self.arena_bytes // 8 + 8))
 
     def work_in(self, arena: Array) -> None:
-        """Let the solver work in other memory, of ``arena_bytes`` or more; what is there lasts no longer than a tick."""
+        """Let the solver work in other memory, of ``arena_bytes`` or more; nothing there is kept after a tick."""
         self._arena, self.c.arena.base = arena, arena.ctypes.data
