@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,7 +79,7 @@ class RecedingHorizon:
                 f"receding horizon: period is out of range - got {period:g} s, expected a multiple of the first "
                 f"model's time step {horizon.dt:g} s; change one"
             )
-        _check_latency(latency, period)
+        check_latency(latency, period)
         self.period, self.iterations, self.latency = period, iterations, latency
         self.first_iterations, self.backend = first_iterations, backend
         given = (barrier or Fixed(0.05, 0.1)).options(options or Options(penalty=1000.0))
@@ -104,6 +106,12 @@ class RecedingHorizon:
         return self.problem.initial
 
     @property
+    def readable(self) -> NumpyTick:
+        """The tick in NumPy; only with this backend."""
+        assert self._numpy is not None  # the other backend
+        return self._numpy
+
+    @property
     def compiled(self) -> NativeTick | None:
         """The tick in C; None for the readable reference."""
         return self._native
@@ -128,9 +136,18 @@ class RecedingHorizon:
             UnknownNameError: the motion has no such command.
             ProblemError: a value is not finite.
         """
-        self._commands |= self.horizon.checked_commands(values)
+        self._commands |= self.checked_commands(values)
         if self._native is not None:
             self._native.tell(self._commands)
+
+    def checked_commands(self, values: Mapping[str, Any]) -> dict[str, float]:
+        """Return commands as numbers.
+
+        Raises:
+            UnknownNameError: the motion has no such command.
+            ProblemError: a value is not finite.
+        """
+        return self.horizon.checked_commands(values)
 
     def velocity(self, t: float) -> Array:
         """Return the commanded velocity ahead, to the left [m/s], and yaw rate [rad/s], (3,)."""
@@ -170,20 +187,20 @@ class RecedingHorizon:
                 latency is zero, so that there is no time for plans in a thread, or more than the period.
         """
         if latency is not None:
-            _check_latency(latency, self.period)
+            check_latency(latency, self.period)
         return Loop(self._native, low, self.period, max(self.latency, latency or 0.0), thread=thread)
 
     def _planned(self, state: Array, t: float) -> Plan:
         if self._native is not None:
             return self._native(state, t, self._commands)
-        assert self._numpy is not None  # the other backend
         start = ceil((t + self.latency - SAME_TIME) / self.horizon.dt) * self.horizon.dt
-        state = self._numpy.predicted(state, t, start)
-        iterations = self.iterations if self._numpy.began else self.first_iterations
-        return self._numpy(state, start, t, iterations, self._commands)
+        state = self.readable.predicted(state, t, start)
+        iterations = self.iterations if self.readable.began else self.first_iterations
+        return self.readable(state, start, t, iterations, self._commands)
 
 
-def _check_latency(latency: float, period: float) -> None:
+def check_latency(latency: float, period: float) -> None:
+    """Raise SolverError unless a latency is at most the period [s]."""
     if not 0 <= latency <= period + SAME_TIME:
         raise SolverError(
             f"receding horizon: latency is out of range - got {latency:g} s, expected 0 to the period, "

@@ -39,7 +39,8 @@ def export(
 ) -> None:
     """Write FILE's receding horizon and low level as a C library that needs neither Python nor Piaffe.
 
-    A module-level `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon.
+    A module-level `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon. FILE may
+    also have several problems by name, a dict, between which a command of the controller changes.
     `make -C DIR check` builds the library and replays a closed loop that was recorded here; `--check` does it at once.
     """
     from rich.console import Console
@@ -57,7 +58,7 @@ def export(
         setup.build(lambda what: status.update(f"compiling for this machine, once ({what})"))
         status.update("writing C")
         exported = export_controller(
-            setup.problem, output, name=name or _name_of(file), options={**setup.options, "latency": setup.latency},
+            setup.declared, output, name=name or _name_of(file), options={**setup.options, "latency": setup.latency},
             low=setup.low_level, max_age=max_age,
         )  # fmt: skip
         status.update("recording a closed loop")

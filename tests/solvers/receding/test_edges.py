@@ -40,7 +40,7 @@ def test_a_time_that_is_no_time_is_refused(backend, t):
 def needs(mpc, k):
     """Bytes of the solver's memory, numbers and entries of a plan that begins at tick k."""
     memory, found = mpc._native.memory, (c_size_t(), c_long(), c_long())
-    memory.tables.library.receding_sizes(byref(memory.c), c_long(k), *map(byref, found))
+    memory.code.library.receding_sizes(byref(memory.c), c_long(k), *map(byref, found))
     return [each.value for each in found]
 
 
