@@ -118,12 +118,26 @@ def test_the_readme_names_states_torques_and_forces(trot: Trot) -> None:
         assert not re.search(r"\bNAME\b|@[A-Z]+@", own), path
 
 
-def test_stack_and_memory_are_bounded(trot: Trot) -> None:
+def test_memory_is_bounded(trot: Trot) -> None:
     c = trot.module.load(trot.module.LIBRARY)
     size = c.trot_memory_size()
     assert size <= 4_000_000
     told = json.loads((trot.folder / "manifest.json").read_text())["memory_bytes_about"]
     assert abs(told - size) < 0.02 * size
+
+
+def test_calls_need_less_stack_than_is_stated(trot: Trot, tmp_path: Path) -> None:
+    initial = ", ".join(map(repr, trot.exported.mpc.initial.tolist()))
+    text = Path(__file__).with_name("stack.c").read_text().replace("@INITIAL@", initial)
+    (tmp_path / "stack.c").write_text(text)
+    words = ["-std=c11", "-Wall", "-Wextra", "-Werror", f"-I{trot.folder}/include", "stack.c"]
+    library = [str(trot.folder / "build" / "libtrot.a"), "-lm", "-pthread", "-o", "stack"]
+    subprocess.run([shutil.which("cc") or "gcc", *words, *library], cwd=tmp_path, check=True)
+    told = subprocess.run([str(tmp_path / "stack")], capture_output=True, text=True, check=True).stdout
+    stated = json.loads((trot.folder / "manifest.json").read_text())["stack_bytes"]
+    used = [int(each) for each in re.findall(r"\d+", told)]
+    assert len(used) == 3
+    assert all(4096 < each <= stated for each in used), told
 
 
 def test_names_that_are_no_identifiers_are_refused(trot: Trot, tmp_path: Path) -> None:
