@@ -22,6 +22,7 @@ from ..receding import HEADER, PART, Plan, RecedingHorizon
 from ..tracking import LowLevel
 from . import interface
 from .build_files import build_values
+from .header import header_values
 from .layout import Layout, layout_of
 from .manifest import LICENSE, manifest
 from .measure import Measured, measure
@@ -144,7 +145,7 @@ def export_controller(
         "RELAXED": list(QpStatus).index(QpStatus.RELAXED), "FUZZ_COMMANDS": interface.fuzz_commands(layout),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
-        "MAX_AGE": interface.numbers([oldest]),
+        "MAX_AGE": interface.numbers([oldest]), **header_values(layout, plan.phases[0].mode.model),
     }  # fmt: skip
     made_files = memory.files()
     parts = [Part("solver", memory.solver), Part("horizon", memory.horizon), Part("tick", memory.tick, wide=False)]
