@@ -118,6 +118,24 @@ def test_the_readme_names_states_torques_and_forces(trot: Trot) -> None:
         assert not re.search(r"\bNAME\b|@[A-Z]+@", own), path
 
 
+def test_the_header_names_entries_orders_and_periods(trot: Trot) -> None:
+    text = (trot.folder / "include" / "trot.h").read_text()
+    for words in (
+        "for the robot mini_cheetah", "0 to 2  base.position [m]: x, y, z", "7 to 18  joints.position [rad]: FL_HAA, ",
+        "3 to 6  base.orientation [1]: w, x, y, z", "#define TROT_PERIOD 0.02", "#define TROT_LATENCY 0.0",
+        "in the order FL x, FL y, FL z, FR x,", "those declared: speed 0.5, lateral_speed 0,",
+    ):  # fmt: skip
+        assert words in text
+    assert max(map(len, text.splitlines())) <= 190
+
+
+def test_what_a_unit_includes_makes_it_old(trot: Trot) -> None:
+    assert "src/" not in trot.make("-n", "build/libtrot.a").stdout
+    told = trot.make("-n", "-W", "src/solver/riccati.inc", "build/libtrot.a").stdout
+    assert "src/solver/mode0.c" in told
+    assert "src/solver/riccati.inc" not in told
+
+
 def test_memory_is_bounded(trot: Trot) -> None:
     c = trot.module.load(trot.module.LIBRARY)
     size = c.trot_memory_size()
