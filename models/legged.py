@@ -32,6 +32,7 @@ from .quantities import base, com, joints
 from .robot import Robot
 from .robots import robot_recipe
 from .stance import Stance, stance
+from .standing_warnings import standing_warnings
 from .terrain import Terrain
 from .warnings import keyframe_warnings
 
@@ -205,6 +206,7 @@ class LeggedModel(ModelBase):
         found += keyframe_warnings(self.robot, self.resolve, path)
         if self.robot.base == "free":
             found += ground_warnings(self.robot, self.state.terrain, self.resolve, path)
+            found += standing_warnings(self.robot, self.resolve, path)
         return found + list(trajectory_warnings(self.robot, self.state.terrain, self.resolve, path))
 
     @property
