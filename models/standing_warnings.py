@@ -44,8 +44,8 @@ def standing_warnings(robot: Robot, resolve: Callable[[Hashable], Stance], path:
         names = resolve(placed.phase.mode).feet
         start = getattr(path.placed[0].reference, "start", {}) if before is None else path.sample(placed.start, before)
         places = _places(robot, start)
-        standing = {name: standing.get(name, places.get(name)) for name in names}
-        standing = {name: place for name, place in standing.items() if place is not None}
+        known = places | standing
+        standing = {name: known[name] for name in names if name in known}
         target = placed.phase.target
         end = path.sample(placed.end, placed)
         if standing and target is not None and _NAMES & set(target.values) and _has_pose(end):
@@ -79,8 +79,8 @@ def _missed(robot: Robot, legs: Kinematics, standing: dict[str, Array], sample: 
     for name, place in standing.items():
         wanted[robot.foot_names.index(name), :2] = place[:2]  # another height is reported by itself
     starts = np.array([angles, robot.pose("stand"), robot.pose("crouch")])
-    pose = [np.tile(each, (len(starts), 1)) for each in (position, orientation)]
-    missed = legs.world_inverse(*pose, np.tile(wanted, (len(starts), 1, 1)), starts)[1].min(axis=0)
+    places, turns = (np.tile(each, (len(starts), 1)) for each in (position, orientation))
+    missed = legs.world_inverse(places, turns, np.tile(wanted, (len(starts), 1, 1)), starts)[1].min(axis=0)
     far = {
         name: missed[i]
         for i, name in enumerate(robot.foot_names)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .arguments import Saved
+from .reports import working
 
 SHEET = (3, 2)  # columns and rows of a picture of single moments
 
@@ -26,7 +27,9 @@ def plot(
 
     require_picture(output)
     check_destination(output)
-    print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")
+    with working("drawing"):
+        saved = draw(Solution.load(solution), output, title=title, dpi=dpi)
+    print(f"saved {saved}")
 
 
 def video(
@@ -65,8 +68,9 @@ def video(
     from piaffe.viz import Playback, Studio, sheet, write
 
     check_destination(output)
-    playback = Playback(Solution.load(solution))
-    cuts, result = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
+    with working("simulating" if simulated else "reading"):
+        playback = Playback(Solution.load(solution))
+        cuts, result = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
     if result:
         print(result)
     columns, rows = SHEET if pictures_only else (1, 1)
