@@ -21,6 +21,7 @@ from .terrain import Flat, Terrain
 Array = NDArray[np.float64]
 XYZ = ("x", "y", "z")
 HEIGHT = ("z",)
+MANY_TURNS = 3 * np.pi  # [rad], in an initial state
 SHORT_NAMES = {
     "position": base.position,
     "rpy": base.orientation,
@@ -190,6 +191,12 @@ class RobotState(Manifold):
             asked = {} if position is None else {"position": position}
             return self.pack(translate(self.robot, where, {k: v for k, v in values.items() if k not in moved} | asked))
         state = translate(self.robot, where, values)
+        if np.any(np.abs(state[base.orientation]) > MANY_TURNS):
+            got = np.round(state[base.orientation], 3).tolist()
+            raise ModelError(
+                f"{where}, target 'rpy': is many turns - got {got} rad, expected at most 1.5 turns; give radians "
+                f"({np.max(np.abs(got)):g} degrees are {np.radians(np.max(np.abs(got))):.4g} rad)"
+            )
         state[base.orientation] = rotation.np_from_rpy(state[base.orientation])
         if position is None or np.shape(position) == (2,):
             x, y = (0.0, 0.0) if position is None else np.asarray(position, dtype=float)

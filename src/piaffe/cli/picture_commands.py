@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .arguments import Saved
+from .reports import working
 
 if TYPE_CHECKING:
     from piaffe.solvers import Solution
@@ -30,7 +31,9 @@ def plot(
 
     require_picture(output)
     check_destination(output)
-    print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")
+    with working("drawing"):
+        saved = draw(Solution.load(solution), output, title=title, dpi=dpi)
+    print(f"saved {saved}")
 
 
 def video(
@@ -96,8 +99,9 @@ def film(
     """
     from piaffe.viz import Playback, Studio, cuts_of, is_sheet, sheet, write
 
-    playback = Playback(solution)
-    cuts, result = cuts_of(playback, speeds, ghost=ghost, simulated=simulated, mu=friction)
+    with working("simulating" if simulated else "reading"):
+        playback = Playback(solution)
+        cuts, result = cuts_of(playback, speeds, ghost=ghost, simulated=simulated, mu=friction)
     columns, rows = SHEET if is_sheet(output) else (1, 1)
     studio = Studio(playback.robot, (size[0] // columns, size[1] // rows), azimuth=azimuth, distance=distance)
     if is_sheet(output):
