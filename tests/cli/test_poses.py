@@ -50,7 +50,7 @@ assert 0.001 < changed < 0.2, changed  # one leg
 marked = viz.picture(robot, "stand", marked=robot.foot_names, size=(320, 240)).astype(int)
 red = (marked[..., 0] > 120) & (marked[..., 0] > 2 * marked[..., 1])
 assert red.sum() > 20
-stairs = viz.picture(robot, "stand", terrain=models.terrain.stairs(height=0.05, length=0.3, start=0.2), size=(160, 120))
+stairs = viz.picture(robot, "stand", terrain=models.terrain.incline(0.2), size=(160, 120))
 assert np.any(standing != stairs, axis=2).mean() > 0.01
 for wrong in (np.zeros(5), np.zeros((2, 37))):
     try:
