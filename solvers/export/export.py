@@ -20,6 +20,7 @@ from ..receding import HEADER, PART, Motions, Plan, RecedingHorizon
 from ..tracking import LowLevel
 from . import interface
 from .build_files import build_values
+from .header import header_values
 from .layout import Layout, layout_of
 from .manifest import LICENSE, manifest
 from .measure import Measured, measure
@@ -145,7 +146,7 @@ def export_controller(
         "RELAXED": list(QpStatus).index(QpStatus.RELAXED), "FUZZ_COMMANDS": interface.fuzz_commands(layout),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
-        "MAX_AGE": interface.numbers([oldest]),
+        "MAX_AGE": interface.numbers([oldest]), **header_values(layout, plan.phases[0].mode.model),
         **planner_values(layout.motions, layout.motions.index(mpc.start) if isinstance(mpc, Motions) else 0),
     }  # fmt: skip
     made_files = memory.files()

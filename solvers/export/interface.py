@@ -89,7 +89,9 @@ def outputs(layout: Layout) -> dict[str, str]:
     declared, code, python, at = [], [], [], 0
     for path, unit, names in layout.recorded:
         field, size = path.replace(".", "_"), len(names)
-        declared.append(f"    double {field}[{size}]; /* {path} at these torques, world [{unit}]; 0 if damped */")
+        order = f" in the order {', '.join(names)};" if size <= 12 else ""
+        told = f"{path} at these torques, world [{unit}];{order} 0 if damped"
+        declared.append(f"    double {field}[{size}]; /* {told} */")
         code.append(f"    memcpy(out->{field}, did->recorded + {at}, sizeof out->{field});\n")
         python.append(f'("{field}", ct.c_double * {size}), ')
         at += size
