@@ -164,9 +164,10 @@ class RobotState(Manifold):
         state = translate(self.robot, where, values)
         if np.any(np.abs(state[base.orientation][:2]) > MANY_TURNS):
             got = np.round(state[base.orientation], 3).tolist()
+            most = float(np.max(np.abs(got[:2])))
             raise ModelError(
-                f"{where}, target 'rpy': is many turns - got {got} rad, expected at most 4 turns of roll and pitch; give radians "
-                f"({np.max(np.abs(got)):g} degrees are {np.radians(np.max(np.abs(got))):.4g} rad)"
+                f"{where}, target 'rpy': is many turns - got {got} rad, expected at most 4 turns of roll and pitch; give "
+                f"radians ({most:g} degrees are {np.radians(most):.4g} rad)"
             )
         state[base.orientation] = rotation.np_from_rpy(state[base.orientation])
         if position is None or np.shape(position) == (2,):
