@@ -27,7 +27,7 @@ from piaffe.ocp import (
 from .borrowed import trajectory_warnings
 from .ground_warnings import fastest, ground_warnings
 from .kinematics import Kinematics
-from .postures import XYZ, RobotState, translate
+from .postures import XYZ, RobotState, translate, with_joints
 from .quantities import base, com, joints
 from .robot import Robot
 from .robots import robot_recipe
@@ -194,6 +194,10 @@ class LeggedModel(ModelBase):
         return {"kind": type(self).__name__, "robot": robot_recipe(self.robot)}
 
     # ---- targets
+
+    def complete_keyframe(self, values: Mapping[str, object]) -> Mapping[str, object]:
+        """Return the entries of a keyframe with the joint angles in place of ``feet``."""
+        return with_joints(self.robot, f"keyframe for model '{self.name}'", values)
 
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
         """Translate the entries of a keyframe to quantities, see :func:`piaffe.models.postures.translate`."""

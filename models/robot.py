@@ -10,9 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe.html import html_table
 from piaffe.ocp import match_labels
 
 from .doctor_text import Finding
@@ -108,6 +109,12 @@ class Robot:
     def __repr__(self) -> str:
         feet = " ".join(self.foot_names)
         return f"Robot('{self.name}', {len(self.joint_names)} joints, feet {feet}, {self.mass:.3f} kg)"
+
+    def _repr_html_(self) -> str:
+        head = ("joint", "from", "to", "speed", "torque", "inertia of the rotor")
+        limits = (self.joint_lower, self.joint_upper, self.joint_speed_limit, self.torque_limit, self.armature)
+        rows = [(name, *(f"{v[i]:.4g}" for v in limits)) for i, name in enumerate(self.joint_names)]
+        return html_table(f"{self!r}; SI units, angles in rad", head, rows)
 
     # ---- sizes and names
 
@@ -232,6 +239,32 @@ class Robot:
             ) from None
         self._check_size("joints", angles)
         return angles
+
+    def inverse_kinematics(
+        self,
+        feet: Mapping[str, ArrayLike],
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        joints: object = "stand",
+    ) -> Array:
+        """Return joint angles, (n,) [rad], that put feet at given places; damped least squares within the joint limits.
+
+        A foot stands on the ground at z = 0 if its place has the height ``foot_radius``.
+
+        Args:
+            feet: name → place of the foot's point in the world (x, y, z) [m]; other legs keep the angles of ``joints``.
+            position: of the base in the world [m].
+            rpy: roll, pitch, yaw of the base [rad].
+            joints: the pose from which the search starts; it decides to which side the knees bend.
+
+        Raises:
+            ModelError: a place is out of reach; the message has the nearest one.
+            UnknownNameError: there is no such foot.
+            ShapeError: a place is not three finite numbers.
+        """
+        from .inverse_kinematics import inverse_kinematics
+
+        return inverse_kinematics(self, feet, position, rpy, joints)
 
     def base_height(self, joints: object = "stand") -> float:
         """Return the height of a level base at which the lowest foot touches flat ground at z = 0 [m]."""

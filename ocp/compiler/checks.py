@@ -11,7 +11,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ModelError, ProblemError, UnknownNameError
+from piaffe.errors import ModelError, ProblemError, ShapeError, UnknownNameError
 
 from ..language import (
     ByPhase,
@@ -40,7 +40,13 @@ Array = NDArray[np.float64]
 def check_targets(motion: Motion, models: list[ModelBase]) -> None:
     """Raise if a keyframe has a target that no model has, or one of another size or not finite."""
     for phase in (phase for piece in motion.pieces for phase in piece.phases):
-        for name, value in phase.target.values.items() if phase.target else ():
+        values = phase.target.values if phase.target else {}
+        try:
+            for model in models:
+                values = model.complete_keyframe(values)
+        except (ModelError, ShapeError, UnknownNameError) as error:
+            raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
+        for name, value in values.items():
             errors: list[Exception] = []
             for model in models:
                 try:

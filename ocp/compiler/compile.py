@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import groupby
@@ -100,7 +100,13 @@ def _lower_transition(of: _Transition) -> LoweredTransition:
 
 
 @interruptible()
-def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -> CompiledProblem:
+def compile_problem(
+    problem: Problem,
+    t0: float = 0.0,
+    *,
+    checks: bool = True,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> CompiledProblem:
     """Compile a problem into flat phases.
 
     Args:
@@ -108,6 +114,7 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
         t0: start of the horizon in the motion's time [s], rounded to a multiple of the first model's dt.
         checks: whether to evaluate all functions at the initial guess, and to raise for NaN and for controls without
             cost.
+        progress: called before each phase with the number of compiled phases, of all phases, and the phase's name.
 
     Raises:
         ProblemError: the declaration is inconsistent; the message names the place in the user's file.
@@ -116,7 +123,12 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
     misses = _lower.cache_info().misses + _lower_transition.cache_info().misses
     compilation = Compilation(problem)
     spans = horizon_phases(compilation.path, problem.schedule, t0)
-    phases = tuple(compilation.phase(i, spans) for i in range(len(spans)))
+    made = []
+    for i, span in enumerate(spans):
+        if progress is not None:
+            progress(i, len(spans), span.interval.phase.name)
+        made.append(compilation.phase(i, spans))
+    phases = tuple(made)
     compilation.check_bound(phases, complete=covers(problem.motion, spans))
     built = _lower.cache_info().misses + _lower_transition.cache_info().misses - misses
     compiled = CompiledProblem(

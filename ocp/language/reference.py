@@ -84,6 +84,8 @@ class BoundKeyframes(BoundReference):
 def translate(models: tuple[ModelBase, ...], values: Mapping[str, object]) -> dict[Quantity, Array]:
     """Translate a keyframe for several models: the first model that has a target of an entry's name translates it."""
     targets: dict[Quantity, Array] = {}
+    for model in models:
+        values = model.complete_keyframe(values)
     for name, value in values.items():
         errors = []
         for model in models:

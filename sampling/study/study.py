@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from piaffe.errors import SamplingError
 from piaffe.files import write_whole
+from piaffe.html import html_table
 from piaffe.interrupts import deferred
 from piaffe.simulation import Episode
 
@@ -82,6 +83,16 @@ class Study:
 
     def __init__(self, cases: Sequence[Case], folder: str | Path) -> None:
         self.cases, self.folder = tuple(cases), Path(folder)
+
+    def __repr__(self) -> str:
+        done = sum(self.path(case).exists() for case in self.cases)
+        cells = len(dict.fromkeys(case.cell for case in self.cases))
+        return f"Study({cells} cells, {len(self.cases)} episodes, {done} of them finished; '{self.folder}')"
+
+    def _repr_html_(self) -> str:
+        found = {cell: [c for c in self.cases if c.cell == cell] for cell in dict.fromkeys(c.cell for c in self.cases)}
+        rows = [(cell, len(cases), sum(self.path(case).exists() for case in cases)) for cell, cases in found.items()]
+        return html_table(repr(self), ("cell", "episodes", "finished"), rows)
 
     def path(self, case: Case) -> Path:
         """Return the path of an episode's file."""

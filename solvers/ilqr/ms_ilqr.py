@@ -44,6 +44,7 @@ class MSiLQR:
         options: tolerances and parameters.
         backend: ``"native"``: the solver in C, compiled once for the modes of the problem and cached; NumPy, with a
             warning, if no compiler works. ``"numpy"``: the readable reference. Both have the same iterates.
+        compiling: called while the problem compiles, with the number of compiled phases, of all phases, and a name.
         building: called while the native backend compiles, with the number of finished steps, the number of all steps,
             and the name of the last finished step.
 
@@ -62,6 +63,7 @@ class MSiLQR:
         options: Options | None = None,
         *,
         backend: Backend = "native",
+        compiling: Callable[[int, int, str], None] | None = None,
         building: Callable[[int, int, str], None] | None = None,
     ) -> None:
         if backend not in ("native", "numpy"):
@@ -74,11 +76,14 @@ class MSiLQR:
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
         early = issue(early_warnings(problem)) if isinstance(problem, Problem) else []
-        self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
+        self.problem = compile_problem(problem, progress=compiling) if isinstance(problem, Problem) else problem
         self.warnings = early + issue(find_warnings(self.problem))
         self.functions = ProblemFunctions(self.problem)
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()
+
+    def __reduce__(self) -> tuple[object, ...]:  # another process makes its own memory
+        return _made, (type(self), self.problem, self.options, self.backend)
 
     @property
     def backend(self) -> Backend:
@@ -163,3 +168,7 @@ class MSiLQR:
                 f"{[(size,) for size in sizes]}; give one flag per node and phase"
             )
         return flags
+
+
+def _made(kind: type[MSiLQR], problem: CompiledProblem, options: Options, backend: Backend) -> MSiLQR:
+    return kind(problem, options, backend=backend)

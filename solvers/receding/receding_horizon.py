@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import SAME_TIME, Horizon, Problem
+from piaffe.ocp import SAME_TIME, Horizon, Problem, early_warnings, find_warnings
 
-from ..ilqr import Backend, Fixed, Options
+from ..ilqr import Backend, Fixed, Options, issue
 from ..tracking import LowLevel
 from .adapting import Adapting
 from .loop import Loop, time_goes_back
@@ -44,6 +44,9 @@ class RecedingHorizon:
         first_iterations: iterations of the first plan, which has no limit of time.
         backend: ``"native"``: a tick is one function in C; ``"numpy"`` is the readable reference.
 
+    Likely mistakes of the problem, and of its horizon at the motion's start, are issued as ``PiaffeWarning``;
+    ``warnings`` has the same as values.
+
     Raises:
         SolverError: an argument is out of range.
         ProblemError: the problem does not compile, or its time steps and phases do not fit.
@@ -65,7 +68,9 @@ class RecedingHorizon:
         backend: Backend = "native",
     ) -> None:
         _check(iterations, first_iterations, budget_s, backend)
+        early = issue(early_warnings(problem))
         self.horizon = horizon = Horizon(problem)
+        self.warnings = early + issue(find_warnings(horizon.first))
         steps = round(period / horizon.dt) if np.isfinite(period) else 0
         if steps < 1 or abs(steps * horizon.dt - period) > SAME_TIME:
             raise SolverError(

@@ -221,11 +221,11 @@ def test_a_command_that_is_interrupted_exits_with_130(tmp_path: Path, capsys: py
     """The moments are those of loading, compiling and solving."""
     file = tmp_path / "ball.py"
     file.write_text(BALL)
-    main(["solve", str(file), "--json"])  # what is imported and compiled once
+    main(["solve", str(file), "--json", "--no-save"])  # what is imported and compiled once
     codes: list[int] = []
 
     def solve(_: int) -> None:
-        codes.append(main(["solve", str(file), "--json"]))
+        codes.append(main(["solve", str(file), "--json", "--no-save"]))
         if codes[-1] == 130:
             raise KeyboardInterrupt
 

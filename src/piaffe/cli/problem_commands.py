@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -24,50 +21,6 @@ def describe(file: File) -> None:
     with working("compiling the problem"):
         told = text(compile_problem(problem))
     print(told)
-
-
-def solve(
-    file: File,
-    save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the solution, converged or not.")] = None,
-    json: Json = False,
-    max_iterations: Annotated[int | None, typer.Option(min=1, help="Largest number of iterations.")] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Time limit [s].")] = None,
-    warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Start from a saved solution.")] = None,
-    backend: Annotated[str, typer.Option(help="native (compiled C) or numpy (the readable reference).")] = "native",
-) -> None:
-    """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
-    if save is not None:
-        from piaffe.files import check_destination
-
-        check_destination(save)
-
-    from piaffe.ocp import load_problem
-    from piaffe.solvers import Options, Solution
-    from piaffe.viz import LiveTable, start_solver
-
-    from .reports import as_json, print_solution, solution_values
-
-    problem = load_problem(file, quiet=json)
-    limits: dict[str, Any] = {"max_iterations": max_iterations, "time_limit_s": time_limit}
-    settings = replace(Options(), **{key: value for key, value in limits.items() if value is not None})
-    start = None if warm_start is None else Solution.load(warm_start)
-    began = time.perf_counter()
-    solver = start_solver(problem, settings, backend)
-    if json:
-        solution = solver.solve(start)
-    else:
-        with LiveTable(settings) as table:
-            solution = solver.solve(start, progress=table)
-    wall_s = time.perf_counter() - began
-    if json:
-        print(as_json(solution_values(solution, wall_s)))
-    else:
-        print_solution(terminal(), solution, wall_s)
-    if save is not None:  # after the summary, which is not lost if the disk is full by now
-        saved = solution.save(save)
-        if not json:
-            print(f"saved {saved}")
-    raise typer.Exit(0 if solution.converged else FAILED)
 
 
 def verify(
