@@ -95,14 +95,34 @@ def pose(
         raise ProblemError(f"pose: '{output}' is a film - got '.mp4', expected a picture; change the ending to '.png'")
     gl.prepare()  # before MuJoCo is imported
 
-    with working("simulating" if simulated else "reading"):
-        playback = Playback(solution)
-        cuts, result = cuts_of(playback, speeds, ghost=ghost, simulated=simulated, mu=friction)
-    columns, rows = SHEET if is_sheet(output) else (1, 1)
-    studio = Studio(playback.robot, (size[0] // columns, size[1] // rows), azimuth=azimuth, distance=distance)
-    if is_sheet(output):
-        return sheet(output, studio, cuts[0], playback.feet, columns=columns, rows=rows), result
-    return write(output, studio, cuts, playback.feet, fps=fps), result
+    from piaffe import models
+    from piaffe.files import check_destination
+    from piaffe.viz import picture, save_picture
+
+    check_destination(output)
+    loaded = models.load(robot) if feet is None else models.load(robot, feet=feet.split(","))
+    angles: object = _angles(joints) if "=" in joints else joints
+    if loaded.base == "free":
+        state = models.WholeBody(loaded).state(joints=angles, rpy=_numbers(rpy, "--rpy", 3))
+    else:
+        state = loaded.pose(angles)
+    print(f"saved {save_picture(picture(loaded, state, size=shape, azimuth=azimuth), output)}")
+
+
+def _angles(text: str) -> dict[str, float]:
+    """Return the angles of ``"HAA=0.1 FL_KFE=-1.2"`` by label."""
+    pairs = [entry.partition("=") for entry in text.replace(",", " ").split()]
+    return {label: _numbers(value, f"--joints {label}", 1)[0] for label, _, value in pairs}
+
+
+def _numbers(text: str, what: str, count: int) -> list[float]:
+    try:
+        found = [float(each) for each in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        raise ProblemError(f"{what}: is unusable - got '{text}', expected {count} numbers; separate them by commas")
+    return found
 
 
 def view(
