@@ -23,6 +23,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "TIME_STEP": "the key of the time step in a parameter vector, for low-level controllers",
         "SAME_TIME": "how close two times are that count as one",
         "ORIGIN": "the planar frame at the origin",
+        "load_problems_file": "what the command line calls for a file with several motions",
         "Place": "where a tick is in a motion, for the receding horizon",
         "Span": "a part of a horizon, for the receding horizon",
         "composed": "composes planar motions, for the receding horizon",

@@ -13,6 +13,7 @@ from piaffe.ocp import Horizon, LoweredMode, LoweredTransition
 
 from ..ilqr import OPTIONS, Options, structs_of
 from . import structs as s
+from .code import HorizonCode
 from .keeper import Keeper
 from .plan_memory import HEADER, PART, PlanMemory
 from .retiming import Retiming
@@ -34,6 +35,8 @@ class RecedingMemory(Keeper):
         iterations: of a plan.
         first_iterations: of the first plan.
         adapt_below: see :class:`Adapting`; 0 for a fixed barrier.
+        code: the libraries; by default those of this horizon alone.
+        number: of the horizon among those of the code.
 
     Attributes:
         starts: ticks at which a horizon may begin; later ones of a cycle need no more memory.
@@ -52,10 +55,13 @@ class RecedingMemory(Keeper):
         first_iterations: int,
         retiming: Retiming | None = None,
         adapt_below: float = 0.0,
+        code: HorizonCode | None = None,
+        number: int = 0,
     ) -> None:
         super().__init__()
-        self.horizon, self.tables = horizon, HorizonMemory(horizon)
-        self.modes, self.links, self.width = self.tables.modes, self.tables.links, self.tables.width
+        self.code = code = code or HorizonCode([horizon])
+        self.horizon, self.tables = horizon, HorizonMemory(horizon, code, number)
+        self.modes, self.links, self.width = self.tables.modes, self.tables.links, code.width
         self.c = s.Receding(
             horizon=ct.addressof(self.tables.c), latency=latency, iterations=iterations,
             first_iterations=first_iterations, adapt_below=adapt_below,
@@ -66,7 +72,7 @@ class RecedingMemory(Keeper):
         self._solver_memory(options)
         self._work()
         self.measure()
-        self._plan = self.tables.library.receding_plan
+        self._plan = code.library.receding_plan
         self._plan.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p)
         self._x = np.zeros(horizon.models[0].state.nx)
 
@@ -81,7 +87,7 @@ class RecedingMemory(Keeper):
 
     def view(self, plan: PlanMemory) -> None:
         """Let the view of a plan refer to its numbers."""
-        self.tables.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
+        self.code.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
 
     def reset(self) -> None:
         """Forget the last plan."""
@@ -142,7 +148,7 @@ class RecedingMemory(Keeper):
         end = last if calendar.cycle else last - step + 1
         self.starts = range(0, end, gcd(step, calendar.period))
         for k in self.starts:
-            self.tables.library.receding_sizes(
+            self.code.library.receding_sizes(
                 ct.byref(c), ct.c_long(k), ct.byref(size), ct.byref(numbers), ct.byref(entries)
             )
             needs.append((size.value, numbers.value, entries.value, c.num_nodes))
@@ -152,4 +158,8 @@ class RecedingMemory(Keeper):
         num_parts = (self.plan_entries - HEADER) // PART
         c.spans, c.nodes = self.array(s.Span, [s.Span()] * num_parts), self.array(s.Node, [s.Node()] * num_nodes)
         c.firsts, c.samples = self.ints(np.zeros(num_parts)), self.zeros(num_nodes * horizon.targets.size)
-        c.arena.base = self.keep(aligned_zeros(self.arena_bytes // 8 + 8)).ctypes.data
+        self.work_in(aligned_zeros(self.arena_bytes // 8 + 8))
+
+    def work_in(self, arena: Array) -> None:
+        """Let the solver work in other memory, of ``arena_bytes`` or more; nothing there is kept after a tick."""
+        self._arena, self.c.arena.base = arena, arena.ctypes.data

@@ -131,3 +131,21 @@ class Receding(ct.Structure):
         *fields((_P, "samples frames memories nows"), (ct.c_int, "most_memory")),
         *fields((_P, "single rows x lanes work")),
     ]  # fmt: skip
+
+
+class Motion(ct.Structure):
+    """See ``motions.h``."""
+
+    _fields_ = fields((_P, "planner"), (ct.c_int, "after"), (_P, "entries"))
+
+
+class Motions(ct.Structure):
+    """See ``motions.h``."""
+
+    _fields_ = [
+        *fields((_P, "motions"), (ct.c_int, "num preparations"), (ct.c_double, "period"), (_P, "wanted")),
+        ("ahead", Plan),
+        *fields(
+            (ct.c_double, "seen"), (ct.c_int, "active home request next entry made left"), (ct.c_double, "until")
+        ),
+    ]  # fmt: skip

@@ -35,6 +35,15 @@ def command(*arguments: object, **environment: str) -> subprocess.CompletedProce
 # ---- films
 
 
+def test_solve_films_what_it_solved(hop_file: Path, tmp_path: Path) -> None:
+    done = command("solve", hop_file, "--no-save", "--video", tmp_path / "hop.png", "--json")
+    if done.returncode == 2:
+        assert "OpenGL" in done.stderr
+        return
+    assert done.returncode == 0
+    assert (tmp_path / "hop.png").read_bytes().startswith(b"\x89PNG")
+
+
 def test_video_writes_a_film_or_names_the_package(hop: Path, tmp_path: Path) -> None:
     target = tmp_path / "new folder" / "hop.mp4"
     done = command(

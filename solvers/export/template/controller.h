@@ -23,7 +23,7 @@ extern "C" {
 typedef struct NAME NAME;
 
 typedef struct {
-    double max_age;               /* a plan acts until its state is this old [s]; more than a period and the latency */
+    double max_age;               /* a plan acts until its state is this old [s]; more than @DUE_WORDS@ */
     double damping;               /* of the joints, if there is no torque of a plan [Nm s/rad] */
     int iterations;               /* most iterations of a plan, 1 to NAME_MOST_ITERATIONS; the first one has more */
     double time_limit;            /* a plan begins no trial step after this time [s]; 0: no limit */
@@ -64,7 +64,7 @@ enum {
     int plan_status;        /* why the solve of the plan ended, see NAME_plan_status_text */
     int plan_iterations;
     int iterations;         /* of the quadratic program */
-} NAME_output;
+@MOTION_OUTPUT@} NAME_output;
 
 @DECLARED_WORDS@@COMMAND@
 
@@ -88,7 +88,7 @@ void NAME_cancel(NAME *controller);
 /* Words for what the functions return. */
 const char *NAME_status_text(int status);
 const char *NAME_plan_status_text(int status);
-
+@MOTION_DECLARED@
 #ifdef __cplusplus
 }
 #endif

@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "receding.h"
+#include "motions.h"
 #include "sizes.h"
 
 #include "manifold.inc"
@@ -167,33 +167,56 @@ void receding_view(const Horizon *h, const Plan *plan)
     *plan->view = (struct plan){n, plan->phases, {plan->numbers[ANCHOR], plan->numbers[ANCHOR + 1], plan->numbers[ANCHOR + 2]}};
 }
 
-/* Makes a plan from a state in the world, measured at time t. */
-int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
+/* The tick of the world's clock at which a plan of a state that is measured at time t begins. */
+static long begin_of(const Receding *r, double t)
+{
+    const Segment *first = &r->horizon->segments[0];
+    return (long)ceil((t + r->latency - SAME_TIME) / first->dt) * first->step;
+}
+
+/* Whether a plan can begin: 0, or why not. */
+static int check_measured(const Receding *r, const double *x, double t)
+{
+    const Horizon *h = r->horizon;
+    for (int i = 0; i < h->spaces[h->segments[0].space].nx; i++)
+        if (!isfinite(x[i])) return NOT_FINITE_STATE;
+    return fabs(t + r->latency) / h->tick < 1e15 ? PLANNED : OUTSIDE; /* ticks are whole numbers; t may be NaN */
+}
+
+/* Lays out the memory for single nodes, before that of a solve. */
+static void work_on_nodes(Receding *r)
+{
+    r->arena.used = 0;
+    lay_out_node(r, &r->arena);
+}
+
+/* The state in the world at a later time under the last plan, from one measured at time t; returns whether it is finite. */
+static int state_later(Receding *r, const double *x, double t, double until, double *state)
+{
+    const Horizon *h = r->horizon;
+    const Space *space = &h->spaces[h->segments[0].space];
+    memcpy(state, x, sizeof(double) * (size_t)space->nx);
+    if (!r->has_plan || until <= t + SAME_TIME) return 1;
+    work_on_nodes(r);
+    const long measured = lround(t / h->tick) - r->clock.shift;
+    to_frame(r, x, r->course.anchor, state);
+    if (measured >= r->course.tick && fabs((double)(measured + r->clock.shift) * h->tick - t) < SAME_TIME) arrive(r, measured, state);
+    predict(r, state, t, until);
+    move_values(r, space->state, space->nx, state, r->course.anchor, state);
+    int finite = 1;
+    for (int i = 0; i < space->nx; i++) finite &= isfinite(state[i]) != 0;
+    return finite;
+}
+
+/* Makes a plan that begins at a tick of the world's clock with a state in the world, from one that was measured at time t. */
+static int plan_from(Receding *r, double began, const double *state, long begin, double t, const Plan *plan)
 {
     const Horizon *h = r->horizon;
     Problem *pr = r->problem;
-    const Space *space = &h->spaces[h->segments[0].space];
-    const double began = h->clock(pr), dt = h->segments[0].dt;
-    double state[MOST_NUMBERS], start[MOST_NUMBERS];
-    const size_t bytes = sizeof(double) * (size_t)space->nx;
-    r->arena.used = 0;
-    lay_out_node(r, &r->arena);
-    for (int i = 0; i < space->nx; i++)
-        if (!isfinite(x[i])) return NOT_FINITE_STATE;
-    if (!(fabs(t + r->latency) / h->tick < 1e15)) return OUTSIDE; /* ticks are whole numbers; t may be NaN */
-    const long step = h->segments[0].step, begin = (long)ceil((t + r->latency - SAME_TIME) / dt) * step;
-    memcpy(state, x, bytes);
-    const double begins = (double)(begin / step) * dt;
-    if (r->has_plan && begins > t + SAME_TIME) {
-        const long measured = lround(t / h->tick) - r->clock.shift;
-        to_frame(r, x, r->course.anchor, state);
-        if (measured >= r->course.tick && fabs((double)(measured + r->clock.shift) * h->tick - t) < SAME_TIME) arrive(r, measured, state);
-        predict(r, state, t, begins);
-        move_values(r, space->state, space->nx, state, r->course.anchor, state);
-        for (int i = 0; i < space->nx; i++)
-            if (!isfinite(state[i])) r->has_plan = 0; /* the policy is far from its plan */
-        if (!r->has_plan) memcpy(state, x, bytes);
-    }
+    const size_t bytes = sizeof(double) * (size_t)h->spaces[h->segments[0].space].nx;
+    const long step = h->segments[0].step;
+    double start[MOST_NUMBERS];
+    work_on_nodes(r);
     const Clock before = r->clock;
     retime(r, state, begin);
     const long k = begin - r->clock.shift;
@@ -226,6 +249,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     plan->header[HAS_POLICY] = h->policy(pr);
     if (!plan->header[HAS_POLICY]) clear_policy(pr);
     plan->header[TICK] = k, plan->header[STATUS] = status, plan->header[ITERATIONS] = pr->num_records;
+    plan->header[MOTION] = plan->header[REQUEST] = 0;
     write_plan(r, plan);
     adapt_rows(r, plan, status);
     double *f = plan->numbers;
@@ -239,3 +263,22 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     r->has_plan = is_finite(h, plan);
     return r->has_plan ? PLANNED : NOT_FINITE_PLAN;
 }
+
+int receding_plan(void *receding, const double *x, double t, const Plan *plan)
+{
+    Receding *r = receding;
+    const double began = r->horizon->clock(r->problem);
+    const int why = check_measured(r, x, t);
+    if (why) return why;
+    const Segment *first = &r->horizon->segments[0];
+    const size_t bytes = sizeof(double) * (size_t)r->horizon->spaces[first->space].nx;
+    const long begin = begin_of(r, t);
+    double state[MOST_NUMBERS];
+    if (!state_later(r, x, t, (double)(begin / first->step) * first->dt, state)) {
+        r->has_plan = 0; /* the policy is far from its plan */
+        memcpy(state, x, bytes);
+    }
+    return plan_from(r, began, state, begin, t, plan);
+}
+
+#include "motions.inc"

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .arguments import Saved
+from .reports import working
+
+if TYPE_CHECKING:
+    from piaffe.solvers import Solution
 
 SHEET = (3, 2)  # columns and rows of a picture of single moments
 
@@ -26,7 +31,9 @@ def plot(
 
     require_picture(output)
     check_destination(output)
-    print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")
+    with working("drawing"):
+        saved = draw(Solution.load(solution), output, title=title, dpi=dpi)
+    print(f"saved {saved}")
 
 
 def video(
@@ -54,27 +61,52 @@ def video(
     ] = None,
 ) -> None:
     """Film a solution, rendered off screen by MuJoCo: the planned motion, or a simulation of the policy."""
-    from piaffe.viz import cuts_of, gl, is_sheet, picture_size
+    from piaffe.viz import gl, is_sheet, picture_size
 
     shape = picture_size(size)
-    pictures_only = is_sheet(output)
+    is_sheet(output)
     gl.prepare()  # before MuJoCo is imported
 
     from piaffe.files import check_destination
     from piaffe.solvers import Solution
-    from piaffe.viz import Playback, Studio, sheet, write
 
     check_destination(output)
-    playback = Playback(Solution.load(solution))
-    cuts, result = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
+    made, result = film(
+        Solution.load(solution), output, speeds=speed or [1.0], ghost=ghost, simulated=simulated, friction=friction,
+        size=shape, fps=fps, azimuth=azimuth, distance=distance,
+    )  # fmt: skip
     if result:
         print(result)
-    columns, rows = SHEET if pictures_only else (1, 1)
-    studio = Studio(playback.robot, (shape[0] // columns, shape[1] // rows), azimuth=azimuth, distance=distance)
-    if pictures_only:
-        print(f"saved {sheet(output, studio, cuts[0], playback.feet, columns=columns, rows=rows)}")
-    else:
-        print(f"saved {write(output, studio, cuts, playback.feet, fps=fps)}")
+    print(f"saved {made}")
+
+
+def film(
+    solution: Solution,
+    output: Path,
+    *,
+    speeds: Sequence[float] = (1.0,),
+    ghost: bool = False,
+    simulated: bool = False,
+    friction: float | None = None,
+    size: tuple[int, int] = (1280, 720),
+    fps: int = 50,
+    azimuth: float = 60.0,
+    distance: float = 1.85,
+) -> tuple[Path, str]:
+    """Write a film, or a picture of six moments; return its path, and a text about the simulation.
+
+    The backend of OpenGL has been chosen.
+    """
+    from piaffe.viz import Playback, Studio, cuts_of, is_sheet, sheet, write
+
+    with working("simulating" if simulated else "reading"):
+        playback = Playback(solution)
+        cuts, result = cuts_of(playback, speeds, ghost=ghost, simulated=simulated, mu=friction)
+    columns, rows = SHEET if is_sheet(output) else (1, 1)
+    studio = Studio(playback.robot, (size[0] // columns, size[1] // rows), azimuth=azimuth, distance=distance)
+    if is_sheet(output):
+        return sheet(output, studio, cuts[0], playback.feet, columns=columns, rows=rows), result
+    return write(output, studio, cuts, playback.feet, fps=fps), result
 
 
 def view(

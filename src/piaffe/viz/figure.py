@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError
-from piaffe.files import whole_file
+from piaffe.files import write_whole
 from piaffe.ocp import SAME_TIME
 
 from .curves import Panel, feet_of, forces, panels, stance_feet
@@ -51,8 +52,10 @@ def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 150) -> Path:
     """Write a figure into a file, atomically; return its path."""
-    with rc_context(RC), whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=dpi)
+    content = BytesIO()
+    with rc_context(RC):
+        figure.savefig(content, dpi=dpi, format=path.suffix.removeprefix(".") or "png")
+    write_whole(path, content.getvalue())
     return path
 
 
