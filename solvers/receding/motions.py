@@ -47,6 +47,8 @@ class Motions:
             next boundary. The end of a motion does not wait.
         options: arguments of :class:`RecedingHorizon`, the same for all motions.
 
+    ``warnings`` has the likely mistakes of all problems, which are issued as ``PiaffeWarning``.
+
     Raises:
         ProblemError: a problem does not compile; the first models have other states or controls; a motion that may
             follow another one never can; or no motion follows the end of one.
@@ -81,6 +83,7 @@ class Motions:
         readable = [_planner(name, problem, options) for name, problem in self.problems.items()]
         self.horizons: dict[str, Horizon] = {n: each.horizon for n, each in zip(names, readable, strict=True)}
         """The problems at any time, by name."""
+        self.warnings = tuple(each for planner in readable for each in planner.warnings)
         _check_models(self.horizons)
         head = readable[first]
         self.period, self.iterations, self.latency = head.period, head.iterations, head.latency

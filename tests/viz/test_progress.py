@@ -8,7 +8,7 @@ from rich.console import Console
 
 from piaffe.solvers import MSiLQR, Options
 from piaffe.viz.bars import progress_bars, stage_bars
-from piaffe.viz.film import Cut, write
+from piaffe.viz.films import Cut, write
 from piaffe.viz.playback import Snapshot
 from piaffe.viz.progress import LiveTable
 
@@ -79,7 +79,7 @@ class FakeStudio:
 
 def test_a_film_shows_its_pictures_on_a_terminal(tmp_path, monkeypatch) -> None:
     console = Console(file=StringIO(), width=80, force_terminal=True)
-    monkeypatch.setattr("piaffe.viz.film.progress_bars", lambda: progress_bars(console))
+    monkeypatch.setattr("piaffe.viz.films.progress_bars", lambda: progress_bars(console))
     snapshot = Snapshot(0.0, np.zeros(7), np.zeros((0, 3)), "robot", ())
     path = write(tmp_path / "film.mp4", FakeStudio(), [Cut(lambda t: snapshot, 0.0, 0.5)], [])
     assert path.stat().st_size > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,8 +13,22 @@ from .arguments import FAILED, File, Json, Saved
 from .reports import plain, terminal, working
 
 
-def describe(file: File) -> None:
+def describe(
+    file: File,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(metavar="P.png", help="Also draw each keyframe; feet that are off the ground have a red mark."),
+    ] = None,
+) -> None:
     """Print the compiled phases, the models in which each term is bound (or why it is not), and warnings."""
+    if pictures is not None:
+        from piaffe.files import check_destination
+        from piaffe.viz import gl, require_picture
+
+        require_picture(pictures)
+        check_destination(pictures)
+        gl.prepare()  # before the problem's file imports MuJoCo
+
     from piaffe.ocp import compile_problem, load_problem
     from piaffe.ocp import describe as text
 
@@ -21,6 +36,10 @@ def describe(file: File) -> None:
     with working("compiling the problem"):
         told = text(compile_problem(problem))
     print(told)
+    if pictures is not None:
+        from piaffe.viz import keyframes, save_picture
+
+        print(f"saved {save_picture(keyframes(problem), pictures)}")
 
 
 def verify(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from matplotlib import rc_context
@@ -35,19 +35,24 @@ Array = NDArray[np.float64]
 COLUMNS = 4
 
 
-def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> Path:
-    """Draw a solution into an image or PDF file; return its path.
+@overload
+def plot(solution: Solution, *, title: str = "") -> Figure: ...
+@overload
+def plot(solution: Solution, path: str | Path, *, title: str = "", dpi: int = 150) -> Path: ...
+def plot(solution: Solution, path: str | Path | None = None, *, title: str = "", dpi: int = 150) -> Figure | Path:
+    """Return the figure of a solution, or draw it into an image or PDF file and return the path.
 
     Args:
         solution: the solution.
-        path: the file; its suffix selects the format.
+        path: the file; its suffix selects the format. None for the figure itself.
         title: title of the figure; by default the names of the models.
         dpi: pixels per inch.
     """
-    require_picture(path)
+    if path is None:
+        return draw(solution, title)
+    require_picture(Path(path))
     with rc_context(RC):
-        figure = draw(solution, title)
-        return save_figure(figure, path, dpi)
+        return save_figure(draw(solution, title), Path(path), dpi)
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 150) -> Path:

@@ -123,6 +123,19 @@ def test_steps_of_other_lengths_have_a_clock_of_their_own():
     assert plans[-1].start == pytest.approx(39 * STEP)
 
 
+@pytest.mark.parametrize("backend", ["native", "numpy"])
+def test_a_motion_whose_first_plan_is_not_finite_does_not_begin(backend):
+    far = rail()["far"]  # its path goes beyond 0.5
+    root = ocp.residual(lambda s: (0.5 - s.place) ** 0.5).weighted(1.0)
+    broken = ocp.Problem(far.motion, RAIL.over(0.2, dt=STEP), far.objective + root, initial=[0.0, 0.0])
+    mpc = solvers.Motions({"near": rail()["near"], "broken": broken}, preparations=2, backend=backend)
+    with np.errstate(invalid="ignore"):  # of the readable reference
+        plans = drive(mpc, {5: {"motion": "broken"}}, 40)
+    assert begins(plans) == [("near", 0.0)]
+    assert {each.request for each in plans[5:]} == {"broken"}
+    assert all(np.isfinite(each.cost) for each in plans)
+
+
 # ---- ends
 
 
@@ -206,7 +219,10 @@ def test_motions_are_of_one_robot():
         modes={"slide": lambda s: {"height": s.speed, "speed": s.force}},
     )  # fmt: skip
     motion = ocp.Motion(ocp.Phase("up", "slide", 0.2, target={"height": 1.0}), cyclic=True)
-    lift = ocp.Problem(motion, other.over(0.2, dt=STEP), ocp.Objective(ocp.track("height", 1.0)), initial=[0.0, 0.0])
+    effort = ocp.regularize("force", 1.0)
+    lift = ocp.Problem(
+        motion, other.over(0.2, dt=STEP), ocp.Objective(ocp.track("height", 1.0), effort), initial=[0.0, 0.0]
+    )
     with pytest.raises(ProblemError, match="'near' and 'lift' do not fit - got other states of the first models"):
         solvers.Motions({"near": rail()["near"], "lift": lift})
     with pytest.raises(ProblemError, match="a name is unusable - got 'Far away'"):
