@@ -31,7 +31,9 @@ from .postures import XYZ, RobotState, translate, with_joints
 from .quantities import base, com, joints
 from .robot import Robot
 from .robots import robot_recipe
+from .speed_warnings import speed_warnings
 from .stance import Stance, stance
+from .standing_warnings import standing_warnings
 from .terrain import Terrain
 from .warnings import keyframe_warnings
 
@@ -99,7 +101,7 @@ class LeggedModel(ModelBase):
                 np.size(value),
                 tuple(np.ravel(value).astype(float).tolist()),
                 key in positive,
-                (checks or {}).get(key),
+                {"gravity": _downwards, **(checks or {})}.get(key),
             )
             for key, value in slots.items()
         )
@@ -206,9 +208,10 @@ class LeggedModel(ModelBase):
         found = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
         if not isinstance(path, Path):
             return found
-        found += keyframe_warnings(self.robot, self.resolve, path)
+        found += [*keyframe_warnings(self.robot, self.resolve, path), *speed_warnings(self.robot, path)]
         if self.robot.base == "free":
             found += ground_warnings(self.robot, self.state.terrain, self.resolve, path)
+            found += standing_warnings(self.robot, self.resolve, path)
         return found + list(trajectory_warnings(self.robot, self.state.terrain, self.resolve, path))
 
     @property
@@ -251,3 +254,8 @@ class LeggedModel(ModelBase):
     def symbols(self) -> dict[str, cs.SX]:
         """Return a symbol for every slot, and ``"dt"``."""
         return {**{slot.name: cs.SX.sym(slot.name, slot.size) for slot in self.slots}, "dt": cs.SX.sym("dt")}
+
+
+def _downwards(gravity: Array) -> str:
+    """Return what is expected of a gravity (3,) that points up; empty if it does not."""
+    return "a vector that does not point up, (0, 0, -9.81)" if gravity.size == 3 and gravity[2] > 0 else ""

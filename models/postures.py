@@ -21,6 +21,7 @@ from .terrain import Flat, Terrain
 Array = NDArray[np.float64]
 XYZ = ("x", "y", "z")
 HEIGHT = ("z",)
+MANY_TURNS = 8 * np.pi  # [rad], of roll and pitch of a state; the yaw of a long run may be any number of turns
 SHORT_NAMES = {
     "position": base.position,
     "rpy": base.orientation,
@@ -190,6 +191,13 @@ class RobotState(Manifold):
             asked = {} if position is None else {"position": position}
             return self.pack(translate(self.robot, where, {k: v for k, v in values.items() if k not in moved} | asked))
         state = translate(self.robot, where, values)
+        if np.any(np.abs(state[base.orientation][:2]) > MANY_TURNS):
+            got = np.round(state[base.orientation], 3).tolist()
+            most = float(np.max(np.abs(got[:2])))
+            raise ModelError(
+                f"{where}, target 'rpy': is many turns - got {got} rad, expected at most 4 turns of roll and pitch; "
+                f"give radians ({most:g} degrees are {np.radians(most):.4g} rad)"
+            )
         state[base.orientation] = rotation.np_from_rpy(state[base.orientation])
         if position is None or np.shape(position) == (2,):
             x, y = (0.0, 0.0) if position is None else np.asarray(position, dtype=float)

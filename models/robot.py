@@ -16,7 +16,7 @@ from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.html import html_table
 from piaffe.ocp import match_labels
 
-from .doctor_urdf import Finding
+from .doctor_text import Finding
 
 Array = NDArray[np.float64]
 
@@ -92,8 +92,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         _check_joints(self.name, self.model, self.joint_names)
-        for foot in self.feet:
-            self.frame_id(foot.frame)
+        self._check_feet()
         if not np.isfinite(self.foot_radius) or self.foot_radius < 0:
             raise ModelError(
                 f"robot '{self.name}': foot_radius is not a length - got {self.foot_radius}, expected a finite number "
@@ -192,7 +191,7 @@ class Robot:
         """Return the index in the model of a frame; joints and links are frames too."""
         if not self.model.existFrame(name):
             raise UnknownNameError(f"robot '{self.name}'", "frame", name, [f.name for f in self.model.frames])
-        return int(self.model.getFrameId(name))
+        return frame_index(self.model, name)
 
     def joint_axis(self, index: int) -> Array:
         """Return the motion subspace of a joint in its own frame, (6,): axis of translation, axis of rotation.
@@ -288,6 +287,18 @@ class Robot:
             object.__setattr__(self, key, _fixed(getattr(self, key)))
         object.__setattr__(self, "poses", {key: _fixed(angles) for key, angles in self.poses.items()})
 
+    def _check_feet(self) -> None:
+        """Raise unless the feet have names of their own, and frames."""
+        given = list(self.foot_names)
+        twice = sorted({name for name in given if given.count(name) > 1})
+        if twice:
+            raise ModelError(
+                f"robot '{self.name}', feet: are not distinct - got {', '.join(map(repr, twice))} twice, expected "
+                "another name for each foot; give a mapping from names to frames"
+            )
+        for foot in self.feet:
+            self.frame_id(foot.frame)
+
     def _check_losses(self, key: str) -> None:
         """Write zeros where nothing was given; raise unless there is one finite number ≥ 0 per joint."""
         values: Array = np.asarray(getattr(self, key), dtype=float)
@@ -318,6 +329,12 @@ def _fixed(values: Any) -> Array:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def frame_index(model: pinocchio.Model, name: str) -> int:
+    """Return the index of a frame that exists; of a link and a joint of one name, whose frames agree, the link's."""
+    kinds = pinocchio.FrameType.BODY
+    return int(model.getFrameId(name, kinds) if model.existFrame(name, kinds) else model.getFrameId(name))
 
 
 def to_pinocchio(x: Array) -> tuple[Array, Array]:

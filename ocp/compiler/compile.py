@@ -6,6 +6,7 @@ contact sets are parameters, so declarations of equal structure share the genera
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
@@ -37,7 +38,7 @@ from ..language import (
     model_of,
     parameter_names,
 )
-from .checks import check_guess, check_last, check_models, check_names, check_targets
+from .checks import check_columns, check_guess, check_last, check_models, check_names, check_targets
 from .compiled import CompiledProblem
 from .compiled_phase import CompiledPhase
 from .finite import check_numbers
@@ -59,6 +60,7 @@ RESETTING = frozenset[At]({"running", "phase_end"})
 """The values of ``at`` of terms that apply at the model's own reset."""
 NOWHERE = frozenset[At]()
 _MODES_KEPT = 500
+_LINE = re.compile(r"\w:\d+\)")  # of a declaration, in a message
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,16 @@ def compile_problem(
     return compiled
 
 
+def _placed(problem: Problem, models: tuple[ModelBase, ...], start: Sample) -> Path:
+    """Return a problem's path; an error of its references names the motion's line if it names none."""
+    try:
+        return problem.motion.bind(models, start)
+    except ProblemError as error:
+        if type(error) is not ProblemError or _LINE.search(str(error)):
+            raise
+        raise ProblemError(f"motion ({problem.motion.source}): {error}") from error
+
+
 class Compilation:
     """One run of the compiler over a problem: its path, its terms and their numbers."""
 
@@ -158,11 +170,12 @@ class Compilation:
         check_targets(problem.motion, models)
         check_last(problem.motion)
         check_models(problem.schedule)
-        self.path: Path = problem.motion.bind(tuple(models), self.start)
+        self.path: Path = _placed(problem, tuple(models), self.start)
         self.models = models
         scoped = problem.scoped_terms()
         self.terms = tuple(term for term, _ in scoped)
         self.scopes = tuple(scope for _, scope in scoped)
+        check_columns(problem.motion, models, self.terms)
         self.unbound: dict[tuple[str, int], str] = {}
         self.names: dict[str, ParameterKey] = parameter_names(self.terms, models) if problem.parameters else {}
         replaced = {

@@ -13,6 +13,7 @@ from piaffe.html import html_table
 
 from .columns import columns_of
 from .csv_file import read_csv, write_csv
+from .mcap_file import write_mcap
 from .model import ModelBase
 from .phase_trajectory import PhaseTrajectory as PhaseTrajectory
 from .quantity import Quantity
@@ -78,6 +79,17 @@ class Trajectory:
             FileWriteError: the file cannot be written.
         """
         return write_csv(self.phases, Path(path))
+
+    def to_mcap(self, path: str | Path) -> Path:
+        """Write an MCAP log, atomically, which Foxglove opens; return its path. It needs ``piaffe[log]``.
+
+        Each quantity has a topic, ``"/joints.position"``, whose messages have a number per component; the pose of a
+        floating base is a ``foxglove.FrameTransform``. Times are those since the motion's start.
+
+        Raises:
+            ProblemError: the package is missing.
+        """
+        return write_mcap(self.phases, Path(path))
 
     @staticmethod
     def from_csv(path: str | Path, *models: ModelBase) -> Trajectory:

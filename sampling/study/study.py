@@ -7,12 +7,13 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from dataclasses import dataclass, field
+from io import BytesIO
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 from piaffe.errors import SamplingError
-from piaffe.files import whole_file
+from piaffe.files import write_whole
 from piaffe.html import html_table
 from piaffe.interrupts import deferred
 from piaffe.simulation import Episode
@@ -229,8 +230,9 @@ def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> Path:
         name: pyarrow.array(column, None if any(value is not None for value in column) else text)
         for name, column in columns.items()
     })  # fmt: skip
-    with whole_file(Path(path)) as temporary:
-        parquet.write_table(table, temporary)
+    content = BytesIO()
+    parquet.write_table(table, content)
+    write_whole(Path(path), content.getvalue())
     return Path(path)
 
 

@@ -27,6 +27,7 @@ from .cause import with_cause
 from .iterate import Iterate, ProblemFunctions
 from .native import Backend, native_memory, run_native
 from .options import Options
+from .other_grid import fits, interpolated
 from .result import assemble
 from .rollout import move
 from .run import Run
@@ -100,8 +101,9 @@ class MSiLQR:
         """Solve the problem.
 
         Args:
-            warm_start: a solution of a problem with the same phases and sizes; its states, controls and multipliers are
-                the first iterate. Without it, the first iterate is the path through the targets.
+            warm_start: a solution of the same phases; its states, controls and multipliers are the first iterate. If
+                it has other time steps or durations, states and controls are interpolated, phase by phase. Without
+                it, the first iterate is the path through the targets.
             shooting: which nodes are shooting nodes: True for all, False for none (single shooting: the first iterate
                 is a roll-out), or flags per phase, (N+1,).
             progress: called with the record of every iteration.
@@ -135,8 +137,7 @@ class MSiLQR:
         began: float,
     ) -> Solution:
         flags = self.flags(shooting)
-        from_earlier = None if warm_start is None else WarmStart.of(warm_start)
-        start = first_iterate(self.problem, from_earlier)
+        start, from_earlier = self._start(warm_start)
         if not all(f.all() for f in flags):
             zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
             start = move(self.functions, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
@@ -154,7 +155,14 @@ class MSiLQR:
 
     def start(self, warm_start: Solution | None) -> Iterate:
         """Return the states and controls of the first iterate."""
-        return first_iterate(self.problem, None if warm_start is None else WarmStart.of(warm_start))
+        return self._start(warm_start)[0]
+
+    def _start(self, warm_start: Solution | None) -> tuple[Iterate, WarmStart | None]:
+        """Return the first iterate, and what a solve takes up of a solution on the same grid."""
+        if warm_start is not None and not fits(self.problem, warm_start):
+            return interpolated(self.problem, warm_start), None
+        earlier = None if warm_start is None else WarmStart.of(warm_start)
+        return first_iterate(self.problem, earlier), earlier
 
     def flags(self, shooting: bool | Sequence[ArrayLike]) -> list[Flags]:
         """Return which nodes are shooting nodes, per phase (N+1,)."""

@@ -143,6 +143,10 @@ class Solution:
         """Write the trajectory as CSV; see :meth:`piaffe.ocp.Trajectory.to_csv`."""
         return self.trajectory.to_csv(path)
 
+    def to_mcap(self, path: str | Path) -> Path:
+        """Write the trajectory as an MCAP log; see :meth:`piaffe.ocp.Trajectory.to_mcap`."""
+        return self.trajectory.to_mcap(path)
+
     def to_pandas(self) -> Any:
         """Return the trajectory as a table of pandas; see :meth:`piaffe.ocp.Trajectory.to_pandas`."""
         return self.trajectory.to_pandas()

@@ -13,8 +13,8 @@ from piaffe.cli.app import main
 from piaffe.solvers import Solution
 
 COMMANDS = (
-    "new", "describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache", "mpc", "mppi", "study",
-    "export",
+    "new", "describe", "solve", "plot", "verify", "video", "view", "pose", "check", "doctor", "cache", "mpc", "mppi",
+    "study", "export",
 )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from piaffe.errors import ModelError, ProblemError
 from piaffe.solvers import Solution
 from piaffe.viz import gl
 from piaffe.viz.cuts import cuts_of, picture_size
-from piaffe.viz.film import Cut, follow
+from piaffe.viz.films import Cut, follow
 from piaffe.viz.playback import Playback
 from piaffe.viz.simulated import simulate
 

@@ -1,5 +1,6 @@
 """Trajectories as CSV and as tables of pandas: what is written is read back, and other files are read or refused."""
 
+import json
 import sys
 from types import SimpleNamespace
 
@@ -7,8 +8,8 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp, solvers
-from piaffe.errors import FileFormatError
-from piaffe.models import base, joints, stance
+from piaffe.errors import FileFormatError, ProblemError
+from piaffe.models import base, feet, joints, stance
 
 ROBOT = models.load("solo12")
 BODY = models.WholeBody(ROBOT)
@@ -130,3 +131,35 @@ def test_a_table_of_pandas_has_the_same_columns(solution, monkeypatch, tmp_path)
     assert list(table) == names
     states = np.concatenate([part.states[:, 2] for part in solution.trajectory.phases])
     assert np.array_equal(np.asarray(table["base.position z [m]"]), states)
+
+
+def test_a_log_has_every_number(solution, tmp_path) -> None:
+    from mcap.reader import make_reader
+
+    path = solution.to_mcap(tmp_path / "hop.mcap")
+    found: dict[str, list[tuple[float, dict]]] = {}
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        for schema, channel, message in reader.iter_messages():
+            assert schema.encoding == "jsonschema"
+            found.setdefault(channel.topic, []).append((message.log_time * 1e-9, json.loads(message.data)))
+    parts = solution.trajectory.phases
+    times = np.concatenate([part.times[: len(part.times) if part is parts[-1] else -1] for part in parts])
+    assert np.allclose([t for t, _ in found["/base.position"]], times, atol=1e-9)
+    heights = np.concatenate([p.states[: len(p.times) if p is parts[-1] else -1, 2] for p in parts])
+    assert np.allclose([message["z"] for _, message in found["/base.position"]], heights, atol=1e-12)
+    forces = np.concatenate([p.sample(t)[feet.force][:3][None] for p in parts for t in p.times[:-1]])
+    logged = [[message[f"FL {axis}"] for axis in "xyz"] for _, message in found["/feet.force"]]
+    assert np.allclose(logged, forces, atol=1e-12)
+    assert set(found["/joints.position"][0][1]) == set(ROBOT.joint_names)
+    _, pose = found["/tf/base"][3]
+    assert pose["child_frame_id"] == "base"
+    assert list(pose["rotation"].values()) == pytest.approx(list(parts[0].states[3, 3:7]), abs=1e-12)
+    assert [message["name"] for _, message in found["/phase"]] == [part.name for part in parts]
+
+
+def test_a_log_without_its_package_says_what_to_install(solution, monkeypatch, tmp_path) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.writer", None)
+    with pytest.raises(ProblemError, match=r"to_mcap: .* pip install 'piaffe\[log\]'"):
+        solution.to_mcap(tmp_path / "hop.mcap")
+    assert list(tmp_path.iterdir()) == []

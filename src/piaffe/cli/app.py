@@ -19,13 +19,13 @@ from .export import export
 from .mpc import mpc
 from .mppi import NamesControllers, mppi
 from .new import new
-from .picture_commands import plot, video, view
+from .picture_commands import plot, pose, video, view
 from .problem_commands import check, describe, verify
 from .reports import plain, terminal
 from .solve import solve
 from .study import study
 
-COMMANDS = (new, describe, solve, verify, check, plot, video, view, doctor, cache, mpc, mppi, study, export)
+COMMANDS = (new, describe, solve, verify, check, plot, video, view, pose, doctor, cache, mpc, mppi, study, export)
 
 app = typer.Typer(
     name="piaffe",

@@ -45,6 +45,7 @@ def export(
     """
     from rich.console import Console
 
+    from piaffe.files import check_destination, write_whole
     from piaffe.solvers import export_controller
 
     from .online import OnlineSetup
@@ -53,6 +54,7 @@ def export(
     settings = OnlineSettings(
         gains=gains, seconds=seconds, latency=latency, command=" ".join(command or ()), spread=spread
     )  # fmt: skip
+    check_destination(output / "check.bin")
     setup = OnlineSetup.of_file(file, settings, quiet=json)
     with Console(stderr=True).status("compiling for this machine, once") as status:
         setup.build(lambda what: status.update(f"compiling for this machine, once ({what})"))
@@ -64,7 +66,7 @@ def export(
         status.update("recording a closed loop")
         recorder = exported.recorder()
         episode = setup.episode(recorder, recorder, seed)
-        (output / "check.bin").write_bytes(recorder.file())
+        write_whole(output / "check.bin", recorder.file())
         measured = None
         if check:
             status.update("building and checking")

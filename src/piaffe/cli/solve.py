@@ -117,6 +117,6 @@ def _draw(solution: Solution, path: Path) -> Path:
 
 
 def _film(solution: Solution, path: Path) -> Path:
-    from .picture_commands import film
+    from piaffe.viz import film
 
     return film(solution, path)[0]

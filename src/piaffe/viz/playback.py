@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
-from piaffe.models import robot_from_recipe
+from piaffe.models import mujoco_spec, robot_from_recipe
 from piaffe.ocp import PhaseTrajectory, Trajectory
 from piaffe.simulation import interpolate, phase_index
 
@@ -65,6 +65,10 @@ class Playback:
             )
         self.robot: Robot = robot_from_recipe(recipes[0])
         self.feet = feet_of(solution)
+
+    def scene(self) -> Any:
+        """Return a ``mujoco.MjSpec`` of the robot on the ground of its problem."""
+        return mujoco_spec(self.robot, contacts="none")
 
     @property
     def start(self) -> float:
