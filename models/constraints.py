@@ -16,6 +16,8 @@ import numpy as np
 from piaffe.errors import ProblemError
 from piaffe.ocp import ResetRows, When, caller, inequality, match_labels
 
+from . import natural
+
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
 _NATURAL_SPEED = 0.1  # [m/s]; times the mass it is the scale of impulses
 
@@ -45,6 +47,7 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
         positive=("mu",),
         labels=_faces,
         at_reset=_IMPULSES if impulses else None,
+        scale=natural.force,
     )
 
 
@@ -58,6 +61,7 @@ def torque_limits(fraction: float = 1.0) -> Any:
         lower=_Bound(_torques, factor=-fraction),
         upper=_Bound(_torques, factor=fraction),
         labels=_motors,
+        scale=natural.torque,
     )
 
 
@@ -84,6 +88,7 @@ def joint_speed_limits(fraction: float = 1.0) -> Any:
         lower=_Bound(_fastest, factor=-fraction),
         upper=_Bound(_fastest, factor=fraction),
         labels=_joints,
+        scale=natural.speed,
     )
 
 
@@ -114,16 +119,20 @@ def joint_range(
     )  # fmt: skip
 
 
-def base_height(minimum: float | None = None, *, maximum: float | None = None, scale: float = 1.0) -> Any:
+def base_height(minimum: float | None = None, *, maximum: float | None = None, scale: float | None = None) -> Any:
     """Keep ``base.height``, the height of the base's origin above the terrain below the feet, within bounds [m].
 
     Args:
         minimum: smallest height [m]; None for none.
         maximum: largest height [m]; None for none.
-        scale: what a violation is divided by in reports [m].
+        scale: what a violation is divided by in reports [m]; None: 1, or more or less for a very small or
+            large robot.
     """
     _require_bound("base_height", "minimum or maximum", minimum, maximum)
-    return inequality(_height, name="base height", unit="m", lower=minimum, upper=maximum, scale=scale, labels=_base)
+    return inequality(
+        _height, name="base height", unit="m", lower=minimum, upper=maximum,
+        scale=natural.length if scale is None else scale, labels=_base,
+    )  # fmt: skip
 
 
 def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
@@ -142,6 +151,7 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
         when=when,
         mask=_swing,
         labels=_feet,
+        scale=natural.length,
     )
 
 
