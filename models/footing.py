@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from piaffe.ocp import SAME_TIME, AddedTargets, Path, PlacedPhase, Sample
 
 from .kinematics import Kinematics
-from .obstacles import Plane, none_beside, planes_about
+from .obstacles import Plane, none_beside, planes_about, within
 from .quantities import base, feet, joints
 from .terrain import Terrain
 
@@ -67,8 +67,10 @@ class Footing(AddedTargets):
                 plane = self._present(foot, interval).plane
                 below, aside = plane, none_beside(place)
             else:
-                plane = self._swing(foot, t, interval)
+                plane, lands = self._swing(foot, t, interval)
                 below, aside = planes_about(self.terrain, place, self._radius)
+                if lands:
+                    below, aside = plane, within(self.terrain, place, self._radius)
             ground.append(plane)
             over.append(below)
             beside.append(aside)
@@ -86,8 +88,8 @@ class Footing(AddedTargets):
         """Return the stance of a foot that is on the ground in a phase."""
         return next(each for each in reversed(self._stances[foot]) if each.start <= interval.start + SAME_TIME)
 
-    def _swing(self, foot: int, t: float, interval: PlacedPhase) -> Plane:
-        """Return the plane of a foot in the air, between those of the stances before and after."""
+    def _swing(self, foot: int, t: float, interval: PlacedPhase) -> tuple[Plane, bool]:
+        """Return the plane of a foot in the air, between those of the stances around, and whether it lands now."""
         before = [each for each in self._stances[foot] if each.end <= interval.start + SAME_TIME]
         lift, first = (before[-1].end, before[-1].plane) if before else (0.0, self._below(foot, 0.0))
         after = self._next(foot, interval)
@@ -96,11 +98,12 @@ class Footing(AddedTargets):
         elif np.isfinite(self._path.duration):
             land, last = self._path.duration, self._below(foot, self._path.duration)
         else:
-            return first
+            return first, False
         s = min(max((t - lift) / max(land - lift, SAME_TIME), 0.0), 1.0)
         share = s**2 * (3 - 2 * s)
         normal = (1 - share) * first[1] + share * last[1]
-        return (1 - share) * first[0] + share * last[0], normal / np.linalg.norm(normal)
+        plane = (1 - share) * first[0] + share * last[0], normal / np.linalg.norm(normal)
+        return plane, after is not None and abs(t - land) <= SAME_TIME
 
     def _next(self, foot: int, interval: PlacedPhase) -> _Stance | None:
         """Return the first stance of a foot after a phase; None if there is none, or none in the next two cycles."""
