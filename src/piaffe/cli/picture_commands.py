@@ -70,7 +70,10 @@ def video(
     if result:
         print(result)
     columns, rows = SHEET if pictures_only else (1, 1)
-    studio = Studio(playback.robot, (shape[0] // columns, shape[1] // rows), azimuth=azimuth, distance=distance)
+    studio = Studio(
+        playback.robot, (shape[0] // columns, shape[1] // rows), azimuth=azimuth, distance=distance,
+        spec=playback.scene(),
+    )  # fmt: skip
     if pictures_only:
         print(f"saved {sheet(output, studio, cuts[0], playback.feet, columns=columns, rows=rows)}")
     else:

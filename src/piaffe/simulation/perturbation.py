@@ -22,7 +22,7 @@ class Perturbation:
     """Standard deviations of the first state of a simulation about the first state of the plan.
 
     The perturbation is in the tangent, x ⊕ δ: the rotation of the base is about its own axes. The base is then moved
-    vertically so that the lowest foot is as high above the ground as in the plan, because a foot cannot begin below the ground.
+    vertically so that the lowest foot is as high above the ground as in the plan, because a foot cannot begin below it.
 
     Args:
         joints: of every joint's angle [rad].
