@@ -14,7 +14,7 @@ from .constraints import joint_speed_limits as joint_speed_limits
 from .constraints import torque_limits as torque_limits
 from .costs import soft_landing as soft_landing
 from .doctor import diagnose as diagnose
-from .doctor_urdf import Finding as Finding
+from .doctor_text import Finding as Finding
 from .kinematics import Kinematics as Kinematics
 from .mujoco import BoundAction as BoundAction
 from .mujoco import Fall as Fall

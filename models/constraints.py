@@ -56,8 +56,8 @@ def torque_limits(fraction: float = 1.0) -> Any:
         _torque,
         name="torque limits",
         unit="Nm",
-        lower=lambda model: -fraction * _torques(model),
-        upper=lambda model: fraction * _torques(model),
+        lower=_Bound(_torques, factor=-fraction),
+        upper=_Bound(_torques, factor=fraction),
         labels=_motors,
     )
 
@@ -69,8 +69,8 @@ def joint_limits(margin: float = 0.0) -> Any:
         _angle,
         name="joint limits",
         unit="rad",
-        lower=lambda model: model.robot.joint_lower + margin,
-        upper=lambda model: model.robot.joint_upper - margin,
+        lower=_Bound(_lowest, added=margin),
+        upper=_Bound(_highest, added=-margin),
         labels=_joints,
     )
 
@@ -82,8 +82,8 @@ def joint_speed_limits(fraction: float = 1.0) -> Any:
         _speed,
         name="joint speed limits",
         unit="rad/s",
-        lower=lambda model: -fraction * model.robot.joint_speed_limit,
-        upper=lambda model: fraction * model.robot.joint_speed_limit,
+        lower=_Bound(_fastest, factor=-fraction),
+        upper=_Bound(_fastest, factor=fraction),
         labels=_joints,
     )
 
@@ -151,6 +151,18 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
 
 
 # ---- rows
+
+
+@dataclass(frozen=True)
+class _Bound:
+    """Limits of the robot times a factor, plus a margin; unlike a lambda it can be sent to another process."""
+
+    limits: Callable[[Any], Any]
+    factor: float = 1.0
+    added: float = 0.0
+
+    def __call__(self, model: Any) -> Any:
+        return self.factor * self.limits(model) + self.added
 
 
 @dataclass(frozen=True)
@@ -238,6 +250,18 @@ def _motors(model: Any) -> tuple[str, ...]:
 
 def _torques(model: Any) -> Any:
     return model.robot.torque_limit[list(model.robot.motors)]
+
+
+def _lowest(model: Any) -> Any:
+    return model.robot.joint_lower
+
+
+def _highest(model: Any) -> Any:
+    return model.robot.joint_upper
+
+
+def _fastest(model: Any) -> Any:
+    return model.robot.joint_speed_limit
 
 
 def _faces(model: Any) -> tuple[str, ...]:

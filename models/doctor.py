@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError
 
 from .doctor_bodies import examine_bodies, without_mass
-from .doctor_urdf import Finding, examine_text, finding, merge_findings
+from .doctor_feet import examine_feet
+from .doctor_text import Finding, finding
+from .doctor_urdf import examine_text, merge_findings
 from .kinematics import Kinematics
 from .robot import ROOT, Foot, Robot
 from .robots import build_model, crossed_feet, leaf_frames, load, locate, names, unclear_base
@@ -21,7 +23,6 @@ Array = NDArray[np.float64]
 Feet = Sequence[str] | Sequence[Foot] | Mapping[str, str] | None
 
 _ORDER = {"error": 0, "warning": 1, "note": 2}
-_NARROW = 0.05  # a workspace thinner than this fraction of the leg's reach is a line or a plane
 
 
 def diagnose(
@@ -89,7 +90,7 @@ def _examine_model(
         found.append(Finding("note", "limits", text))
     found += examine_bodies(robot)
     if robot.base == "free":
-        found += [*crossed_feet(robot.feet), *_feet(robot), *_stand(robot)]
+        found += [*crossed_feet(robot.feet), *examine_feet(robot), *_stand(robot)]
     if not known:
         found.append(_entry(robot, urdf, base, locked))
     return [*found, *_looks(robot)]
@@ -131,39 +132,6 @@ def _entry(robot: Robot, urdf: Path, base: str | None, locked: Mapping[str, floa
 def _summary(model: pinocchio.Model) -> Finding:
     mass = pinocchio.computeTotalMass(model)
     return Finding("note", "robot", f"{model.name}: {model.njoints - ROOT - 1} joints, {mass:.3f} kg")
-
-
-def _feet(robot: Robot) -> Iterator[Finding]:
-    """Yield feet that cannot reach the ground, or cannot move in all three directions."""
-    legs = Kinematics(robot)
-    _, places = legs.workspace
-    joints = {int(foot): group.joints[m] for group in legs.groups for m, foot in enumerate(group.feet)}
-    first = [p.translation[2] for j, p in enumerate(robot.model.jointPlacements) if robot.model.parents[j] == ROOT]
-    for i, foot in enumerate(robot.feet):
-        where = f"foot '{foot.name}'"
-        if i not in joints:
-            got, expected = "no joint between base and foot", "a leg"
-            yield finding("error", where, "is fixed to the base", got, expected, "choose another frame")
-            continue
-        others = [robot.feet[k].name for k in joints if k != i and set(joints[k]) & set(joints[i])]
-        if others:
-            got, expected = f"joints in common with {others}", "one leg per foot"
-            yield finding("warning", where, "shares joints with another foot", got, expected, "keep one foot per leg")
-        spread = np.linalg.svd(places[:, i] - places[:, i].mean(axis=0), compute_uv=False) / np.sqrt(len(places))
-        if spread[2] < _NARROW * legs.reach[i]:
-            deviations = ", ".join(f"{s:.3f}" for s in spread)
-            got = f"{len(joints[i])} joints and a workspace with standard deviations {deviations} m"
-            expected = f"more than {_NARROW * legs.reach[i]:.3f} m in each of three directions"
-            advice = "check its joints and their ranges"
-            yield finding("warning", where, "cannot move in all three directions", got, expected, advice)
-        lowest = float(places[:, i, 2].min())
-        if lowest > min(first) - robot.foot_radius:
-            got, expected = f"{lowest:.3f} m at its lowest", f"below the legs' first joints at {min(first):.3f} m"
-            yield finding("error", where, "does not reach the ground", got, expected, "check its frame and joints")
-        if len(foot.roles) < 2:
-            got, expected = " ".join(sorted(foot.roles)) or "none", "front or hind, and left or right"
-            advice = "gaits that are written in roles may leave it out"
-            yield finding("note", where, "has fewer than two roles", got, expected, advice)
 
 
 def _stand(robot: Robot) -> Iterator[Finding]:

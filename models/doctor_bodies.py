@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio
 
-from .doctor_urdf import Finding, finding, judge_inertia
+from .doctor_text import Finding, finding
+from .doctor_urdf import judge_inertia
 from .kinematics import Kinematics
 from .links import body_names
 from .robot import ROOT, Robot
@@ -57,6 +58,9 @@ def _units(robot: Robot, span: float) -> Iterator[Finding]:
     if span > 0 and not _SMALL <= span <= _LARGE:
         got, expected = f"{span:.3g} m", f"{_SMALL:g} to {_LARGE:g} m"
         yield finding("warning", "robot", "its size is not that of a robot", got, expected, "check the units: m")
+    if 0 < span < robot.foot_radius:
+        got, expected = f"{robot.foot_radius:g} m", f"less than the robot's size, {span:.3g} m"
+        yield finding("warning", "feet", "the radius is that of no foot", got, expected, "check the units: m")
 
 
 def _bodies(robot: Robot, span: float) -> Iterator[Finding]:

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .doctor_text import (
+    Finding,
+    Severity,
+    examine_names,
+    examine_origin,
+    examine_parts,
+    finding,
+    number,
+    numbers,
+)
+
 Array = NDArray[np.float64]
-Severity = Literal["error", "warning", "note"]
 
 _PLACEHOLDER = 1000.0  # torques [Nm] and speeds [rad/s] from here on are not those of a robot
 _TURNS = 4 * np.pi  # ranges wider than two turns are not those of a leg [rad]
@@ -22,30 +31,6 @@ _LONG = 10.0  # ranges wider than this are not those of a slide [m]
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic")
 """The types of joints that move; the model, MuJoCo's scene and the doctor know these."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A problem of a robot, or a note about it.
-
-    Args:
-        severity: ``"error"``: the robot cannot be used, or its motion would be meaningless; ``"warning"``: it can be
-            used, but the part should be checked; ``"note"``: information.
-        where: the part, ``"joint 'FL_KFE'"``.
-        text: what is wrong - got, expected; what to do.
-    """
-
-    severity: Severity
-    where: str
-    text: str
-
-    def __str__(self) -> str:
-        return f"{self.severity}: {self.where}: {self.text}"
-
-
-def finding(severity: Severity, where: str, what: str, got: str, expected: str, advice: str) -> Finding:
-    """Return a finding whose text follows the template of Piaffe's messages."""
-    return Finding(severity, where, f"{what} - got {got}, expected {expected}; {advice}")
 
 
 def merge_findings(found: list[Finding]) -> list[Finding]:
@@ -80,10 +65,11 @@ def examine_text(urdf: Path, locked: Collection[str] = ()) -> tuple[list[Finding
         return [finding("error", where, "is not a URDF", f"<{root.tag}> as outermost tag", "<robot>", advice)], False
     links = {link.get("name", ""): link for link in root.findall("link")}
     joints = [joint for joint in root.findall("joint") if joint.find("parent") is not None]
-    found = [*_names(root), *_tree(links, joints)]
+    found = [*examine_names(root), *_tree(links, joints)]
     for name, link in links.items():
-        found += _inertial(f"link '{name}'", link)
+        found += [*examine_parts(f"link '{name}'", link), *_inertial(f"link '{name}'", link)]
     for joint in joints:
+        found += examine_parts(f"joint '{joint.get('name', '')}'", joint)
         found += _joint(f"joint '{joint.get('name', '')}'", joint, joint.get("name", "") in locked)
     unfit = [one for one in found if one.severity == "error" and not one.where.startswith("link")]
     return found, not unfit
@@ -94,15 +80,6 @@ def root_link(urdf: Path) -> str:
     root = ElementTree.fromstring(urdf.read_bytes())
     children = {_end(joint, "child") for joint in root.findall("joint")}
     return next(link.get("name", "") for link in root.findall("link") if link.get("name", "") not in children)
-
-
-def _names(root: Element) -> Iterator[Finding]:
-    """Yield names that several links or several joints have."""
-    for kind in ("link", "joint"):
-        names = [each.get("name", "") for each in root.findall(kind)]
-        for name in sorted({name for name in names if names.count(name) > 1}):
-            got = f"{names.count(name)} of that name"
-            yield finding("error", f"{kind} '{name}'", "its name is not unique", got, "one", f"rename the {kind}s")
 
 
 def _tree(links: Mapping[str, Element], joints: Sequence[Element]) -> Iterator[Finding]:
@@ -141,17 +118,24 @@ def _inertial(where: str, link: Element) -> Iterator[Finding]:
     if inertial is None:
         return
     mass_tag, tensor_tag = inertial.find("mass"), inertial.find("inertia")
+    keys = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
+    if mass_tag is None or tensor_tag is None or "value" not in mass_tag.attrib or set(keys) - set(tensor_tag.attrib):
+        lacking = [] if tensor_tag is None else sorted(set(keys) - set(tensor_tag.attrib))
+        got = f"<inertia> without {', '.join(lacking)}" if lacking else "no <mass value=...> or no <inertia>"
+        expected = "a mass and six numbers of the inertia"
+        yield finding("error", where, "<inertial> is not complete", got, expected, "add what is missing")
+        return
     try:
-        _vectors(inertial)
-        mass = float(mass_tag.get("value", "nan")) if mass_tag is not None else 0.0
-        keys = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
-        entries = [float(tensor_tag.get(key, "0")) if tensor_tag is not None else 0.0 for key in keys]
+        turned = list(examine_origin(where, inertial))
+        mass = number(mass_tag.get("value", ""))
+        entries = [number(tensor_tag.get(key, "")) for key in keys]
     except ValueError as error:
         yield finding("error", where, "<inertial> is not numeric", f"'{error}'", "numbers", "correct it")
         return
     if not 0 <= mass < np.inf:
         yield finding("error", where, "mass is impossible", f"{mass:g} kg", "a number ≥ 0", "correct it")
         return
+    yield from turned
     yield from judge_inertia(where, mass, np.array(entries).reshape(3, 3))
 
 
@@ -174,16 +158,6 @@ def judge_inertia(where: str, mass: float, tensor: Array) -> Iterator[Finding]:
         yield finding("warning", where, what, got, expected, "Piaffe uses it unchanged")
 
 
-def _vectors(parent: Element) -> None:
-    """Raise ValueError unless <origin> is absent or holds three numbers each for place and angles."""
-    origin = parent.find("origin")
-    for key in ("xyz", "rpy") if origin is not None else ():
-        text = origin.get(key, "0 0 0") if origin is not None else ""
-        numbers = np.array([float(number) for number in text.split()])
-        if numbers.shape != (3,) or not np.all(np.isfinite(numbers)):
-            raise ValueError(f"{key}={text!r} of <origin> is not three finite numbers")
-
-
 def _joint(where: str, joint: Element, locked: bool) -> Iterator[Finding]:
     """Yield the findings about a joint."""
     kind = joint.get("type")
@@ -195,15 +169,16 @@ def _joint(where: str, joint: Element, locked: bool) -> Iterator[Finding]:
         yield finding("error", where, "its type is not supported", f"'{kind}'", expected, advice)
         return
     try:
-        _vectors(joint)
+        turned = list(examine_origin(where, joint))
         axis_tag, limit = joint.find("axis"), joint.find("limit")
-        axis = np.array((axis_tag.get("xyz", "1 0 0") if axis_tag is not None else "1 0 0").split(), dtype=float)
+        axis = numbers(axis_tag.get("xyz", "1 0 0") if axis_tag is not None else "1 0 0")
         keys = ("lower", "upper", "effort", "velocity")
-        limits = {} if limit is None else {key: float(limit.get(key, "0")) for key in keys}
+        limits = {} if limit is None else {key: number(limit.get(key, "0")) for key in keys}
     except ValueError as error:
         what = "origin, axis or limit is not numeric"
         yield finding("error", where, what, f"'{error}'", "numbers with a decimal point", "correct it")
         return
+    yield from turned
     if kind == "fixed":
         return
     mimic = joint.find("mimic")
@@ -230,28 +205,40 @@ def _joint(where: str, joint: Element, locked: bool) -> Iterator[Finding]:
         got = f"no {' and no '.join(lacking)}"
         yield finding("error", where, "its <limit> lacks numbers", got, "effort and velocity", "add them")
         return
-    absent = not {"lower", "upper"} & set(limit.attrib)
+    given = [key for key in ("lower", "upper") if key in limit.attrib]
     yield from _efforts(where, limits["effort"], limits["velocity"], kind == "prismatic")
     if kind != "continuous":
-        yield from _range(where, limits["lower"], limits["upper"], absent, kind == "prismatic")
+        yield from _range(where, limits["lower"], limits["upper"], given, kind == "prismatic")
 
 
 def _lock(joint: Element) -> str:
-    return f"models.load(..., locked={{'{joint.get('name', '')}': 0.0}})"
+    """Return the argument that locks a joint, at zero or at the end of its range that is nearest to zero."""
+    limit = joint.find("limit")
+    ends = ("lower", "upper")
+    try:
+        lower, upper = (number(limit.get(key, "0")) if limit is not None else 0.0 for key in ends)
+    except ValueError:
+        lower = upper = 0.0
+    position = min(max(0.0, lower), upper) if lower < upper else 0.0
+    return f"models.load(..., locked={{'{joint.get('name', '')}': {position}}})"
 
 
-def _range(where: str, lower: float, upper: float, absent: bool, slides: bool) -> Iterator[Finding]:
-    """Yield the findings about a joint's range."""
+def _range(where: str, lower: float, upper: float, given: Sequence[str], slides: bool) -> Iterator[Finding]:
+    """Yield the findings about a joint's range, of which the file gives both ends, one or none."""
     got, widest, what = f"{lower:g} to {upper:g}", *((_LONG, "10 m") if slides else (_TURNS, "two turns"))
-    if np.isnan(lower) or np.isnan(upper):
-        yield finding("error", where, "range is not numeric", got, "two numbers", "correct it")
-    elif absent or lower == upper == 0:  # many files write 0 for a range that they do not know
+    if not np.isfinite(lower) or not np.isfinite(upper):
+        advice = "correct it, or leave out both ends for a joint without them"
+        yield finding("error", where, "range is not numeric", got, "two finite numbers", advice)
+    elif not given or lower == upper == 0:  # many files write 0 for a range that they do not know
         got, advice = "<limit> without lower and upper, or with zeros", "add them, or make it 'continuous'"
         yield finding("warning", where, "has no range: Piaffe treats it as unlimited", got, "both", advice)
     elif lower > upper:
         yield finding("error", where, "range is reversed", got, "lower < upper", "exchange them")
     elif lower == upper:
         yield finding("error", where, "range is empty", got, "lower < upper", "give a range, or make it 'fixed'")
+    elif len(given) == 1:
+        advice = "Piaffe takes 0 for the other one, as URDF says"
+        yield finding("warning", where, "range has one end", f"{given[0]} alone: {got}", "lower and upper", advice)
     elif upper - lower > widest:
         yield finding("warning", where, "range looks like a placeholder", got, f"less than {what}", "correct it")
 
@@ -261,8 +248,8 @@ def _efforts(where: str, effort: float, velocity: float, slides: bool) -> Iterat
     torque, rate = ("force", "m/s") if slides else ("torque", "rad/s")
     for value, what, unit in ((effort, torque, "N" if slides else "Nm"), (velocity, "speed", rate)):
         got = f"{value:g} {unit}"
-        if np.isnan(value) or value < 0:
-            expected = "a number ≥ 0"
+        if not 0 <= value < np.inf:
+            expected = "a finite number ≥ 0"
             yield finding("error", where, f"{what} limit is impossible", got, expected, "correct it")
         elif value == 0 and what != "speed":
             expected = "a positive number for a motor"

@@ -29,11 +29,13 @@ from .footing import Footing
 from .ground import SLOTS
 from .ground_warnings import fastest, ground_warnings
 from .kinematics import Kinematics
-from .postures import XYZ, RobotState, translate
+from .postures import XYZ, RobotState, translate, with_joints
 from .quantities import base, com, feet, joints
 from .robot import Robot
 from .robots import robot_recipe
+from .speed_warnings import speed_warnings
 from .stance import Stance, stance
+from .standing_warnings import standing_warnings
 from .terrain import Flat, Terrain
 from .warnings import keyframe_warnings
 
@@ -102,7 +104,7 @@ class LeggedModel(ModelBase):
                 np.size(value),
                 tuple(np.ravel(value).astype(float).tolist()),
                 key in positive,
-                (checks or {}).get(key),
+                {"gravity": _downwards, **(checks or {})}.get(key),
             )
             for key, value in slots.items()
         )
@@ -243,6 +245,10 @@ class LeggedModel(ModelBase):
 
     # ---- targets
 
+    def complete_keyframe(self, values: Mapping[str, object]) -> Mapping[str, object]:
+        """Return the entries of a keyframe with the joint angles in place of ``feet``."""
+        return with_joints(self.robot, f"keyframe for model '{self.name}'", values)
+
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
         """Translate the entries of a keyframe to quantities, see :func:`piaffe.models.postures.translate`."""
         return translate(self.robot, f"keyframe for model '{self.name}'", values)
@@ -252,10 +258,12 @@ class LeggedModel(ModelBase):
         found = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
         if not isinstance(path, Path):
             return found
-        found += keyframe_warnings(self.robot, self.reference_ground, self.resolve, path)
+        ground = self.reference_ground
+        found += [*keyframe_warnings(self.robot, ground, self.resolve, path), *speed_warnings(self.robot, path)]
         if self.robot.base == "free":
             found += ground_warnings(self.robot, self.terrain, self.resolve, path)
-        if self.reference_ground == self.terrain:
+            found += standing_warnings(self.robot, self.resolve, path)
+        if ground == self.terrain:
             found += trajectory_warnings(self.robot, self.terrain, self.resolve, path)
         return found
 
@@ -299,3 +307,8 @@ class LeggedModel(ModelBase):
     def symbols(self) -> dict[str, cs.SX]:
         """Return a symbol for every slot, and ``"dt"``."""
         return {**{slot.name: cs.SX.sym(slot.name, slot.size) for slot in self.slots}, "dt": cs.SX.sym("dt")}
+
+
+def _downwards(gravity: Array) -> str:
+    """Return what is expected of a gravity (3,) that points up; empty if it does not."""
+    return "a vector that does not point up, (0, 0, -9.81)" if gravity.size == 3 and gravity[2] > 0 else ""

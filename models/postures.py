@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,7 @@ from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.ocp import Block, Manifold, Quantity, rotation
 
 from . import quantities
+from .inverse_kinematics import inverse_kinematics
 from .quantities import base, com, feet, momentum
 from .robot import Robot, to_pinocchio
 from .terrain import Flat, Terrain
@@ -19,6 +21,7 @@ from .terrain import Flat, Terrain
 Array = NDArray[np.float64]
 XYZ = ("x", "y", "z")
 HEIGHT = ("z",)
+MANY_TURNS = 8 * np.pi  # [rad], of roll and pitch of a state; the yaw of a long run may be any number of turns
 SHORT_NAMES = {
     "position": base.position,
     "rpy": base.orientation,
@@ -66,8 +69,10 @@ def translate(robot: Robot, where: str, values: Mapping[str, object]) -> dict[Qu
         where: subject of the error messages.
         values: any of ``position`` [m], ``rpy`` (full turns count) [rad], ``joints`` (numbers, a pose's name or a
             mapping of joint names) [rad], ``linear_velocity`` (world) [m/s], ``angular_velocity`` (body axes) [rad/s],
-            ``joint_velocities`` [rad/s], or the path of a quantity, for example ``"feet.force"``.
+            ``joint_velocities`` [rad/s], or the path of a quantity, for example ``"feet.force"``. ``feet``, a mapping
+            of names to places in the world [m], moves the joints of these legs; it needs ``position``.
     """
+    values = with_joints(robot, where, values)
     labels = quantity_labels(robot)
     paths = {quantity.path: quantity for quantity in labels}
     targets: dict[Quantity, Array] = {}
@@ -91,6 +96,26 @@ def translate(robot: Robot, where: str, values: Mapping[str, object]) -> dict[Qu
             )
         targets[quantity] = array
     return targets
+
+
+def with_joints(robot: Robot, where: str, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the entries of a keyframe with joint angles in place of ``feet``, the places of feet in the world [m].
+
+    Args:
+        robot: the robot.
+        where: subject of the error messages.
+        values: the entries, see :func:`translate`.
+    """
+    if "feet" not in values:
+        return values
+    rest = {key: value for key, value in values.items() if key != "feet"}
+    if rest.get("position") is None or np.shape(rest["position"]) != (3,):
+        raise ModelError(
+            f"{where}, target 'feet': the base has no place - got no position with three numbers, expected one, "
+            "because places of feet are in the world; give position="
+        )
+    given = {key: rest[key] for key in ("position", "rpy", "joints") if key in rest}
+    return {**rest, "joints": inverse_kinematics(robot, values["feet"], **given, where=where)}
 
 
 def place_feet(robot: Robot, position: Array, orientation: Array, joint_angles: Array) -> Array:
@@ -132,6 +157,7 @@ class RobotState(Manifold):
         linear_velocity: ArrayLike = (0.0, 0.0, 0.0),
         angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
         joint_velocities: ArrayLike | None = None,
+        feet: Mapping[str, ArrayLike] | None = None,
     ) -> Array:
         """Return a state, (nx,), at rest unless velocities are given.
 
@@ -145,6 +171,8 @@ class RobotState(Manifold):
             linear_velocity: of the base's origin, world axes [m/s].
             angular_velocity: of the base, body axes [rad/s].
             joint_velocities: n numbers [rad/s].
+            feet: name → place of a foot in the world [m]; the joints of its leg are moved. It needs three numbers of
+                ``position``.
         """
         values: dict[str, object] = {
             "rpy": rpy,
@@ -154,6 +182,8 @@ class RobotState(Manifold):
             "joint_velocities": np.zeros(self.robot.num_joints) if joint_velocities is None else joint_velocities,
         }
         where = f"state of '{self.robot.name}'"
+        if feet is not None:
+            values["joints"] = with_joints(self.robot, where, {**values, "position": position, "feet": feet})["joints"]
         if self.robot.base == "fixed":
             moved = [
                 key for key in ("rpy", "linear_velocity", "angular_velocity") if not np.any(np.asarray(values[key]))
@@ -161,6 +191,13 @@ class RobotState(Manifold):
             asked = {} if position is None else {"position": position}
             return self.pack(translate(self.robot, where, {k: v for k, v in values.items() if k not in moved} | asked))
         state = translate(self.robot, where, values)
+        if np.any(np.abs(state[base.orientation][:2]) > MANY_TURNS):
+            got = np.round(state[base.orientation], 3).tolist()
+            most = float(np.max(np.abs(got[:2])))
+            raise ModelError(
+                f"{where}, target 'rpy': is many turns - got {got} rad, expected at most 4 turns of roll and pitch; "
+                f"give radians ({most:g} degrees are {np.radians(most):.4g} rad)"
+            )
         state[base.orientation] = rotation.np_from_rpy(state[base.orientation])
         if position is None or np.shape(position) == (2,):
             x, y = (0.0, 0.0) if position is None else np.asarray(position, dtype=float)

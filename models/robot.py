@@ -10,12 +10,13 @@ from typing import Any, Literal
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError, ShapeError, UnknownNameError
+from piaffe.html import html_table
 from piaffe.ocp import match_labels
 
-from .doctor_urdf import Finding
+from .doctor_text import Finding
 
 Array = NDArray[np.float64]
 
@@ -91,8 +92,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         _check_joints(self.name, self.model, self.joint_names)
-        for foot in self.feet:
-            self.frame_id(foot.frame)
+        self._check_feet()
         if not np.isfinite(self.foot_radius) or self.foot_radius < 0:
             raise ModelError(
                 f"robot '{self.name}': foot_radius is not a length - got {self.foot_radius}, expected a finite number "
@@ -109,6 +109,12 @@ class Robot:
     def __repr__(self) -> str:
         feet = " ".join(self.foot_names)
         return f"Robot('{self.name}', {len(self.joint_names)} joints, feet {feet}, {self.mass:.3f} kg)"
+
+    def _repr_html_(self) -> str:
+        head = ("joint", "from", "to", "speed", "torque", "inertia of the rotor")
+        limits = (self.joint_lower, self.joint_upper, self.joint_speed_limit, self.torque_limit, self.armature)
+        rows = [(name, *(f"{v[i]:.4g}" for v in limits)) for i, name in enumerate(self.joint_names)]
+        return html_table(f"{self!r}; SI units, angles in rad", head, rows)
 
     # ---- sizes and names
 
@@ -185,7 +191,7 @@ class Robot:
         """Return the index in the model of a frame; joints and links are frames too."""
         if not self.model.existFrame(name):
             raise UnknownNameError(f"robot '{self.name}'", "frame", name, [f.name for f in self.model.frames])
-        return int(self.model.getFrameId(name))
+        return frame_index(self.model, name)
 
     def joint_axis(self, index: int) -> Array:
         """Return the motion subspace of a joint in its own frame, (6,): axis of translation, axis of rotation.
@@ -234,6 +240,32 @@ class Robot:
         self._check_size("joints", angles)
         return angles
 
+    def inverse_kinematics(
+        self,
+        feet: Mapping[str, ArrayLike],
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rpy: ArrayLike = (0.0, 0.0, 0.0),
+        joints: object = "stand",
+    ) -> Array:
+        """Return joint angles, (n,) [rad], that put feet at given places; damped least squares within the joint limits.
+
+        A foot stands on the ground at z = 0 if its place has the height ``foot_radius``.
+
+        Args:
+            feet: name → place of the foot's point in the world (x, y, z) [m]; other legs keep the angles of ``joints``.
+            position: of the base in the world [m].
+            rpy: roll, pitch, yaw of the base [rad].
+            joints: the pose from which the search starts; it decides to which side the knees bend.
+
+        Raises:
+            ModelError: a place is out of reach; the message has the nearest one.
+            UnknownNameError: there is no such foot.
+            ShapeError: a place is not three finite numbers.
+        """
+        from .inverse_kinematics import inverse_kinematics
+
+        return inverse_kinematics(self, feet, position, rpy, joints)
+
     def base_height(self, joints: object = "stand") -> float:
         """Return the height of a level base at which the lowest foot touches flat ground at z = 0 [m]."""
         if not self.feet:
@@ -254,6 +286,18 @@ class Robot:
                     "joint_friction"):  # fmt: skip
             object.__setattr__(self, key, _fixed(getattr(self, key)))
         object.__setattr__(self, "poses", {key: _fixed(angles) for key, angles in self.poses.items()})
+
+    def _check_feet(self) -> None:
+        """Raise unless the feet have names of their own, and frames."""
+        given = list(self.foot_names)
+        twice = sorted({name for name in given if given.count(name) > 1})
+        if twice:
+            raise ModelError(
+                f"robot '{self.name}', feet: are not distinct - got {', '.join(map(repr, twice))} twice, expected "
+                "another name for each foot; give a mapping from names to frames"
+            )
+        for foot in self.feet:
+            self.frame_id(foot.frame)
 
     def _check_losses(self, key: str) -> None:
         """Write zeros where nothing was given; raise unless there is one finite number ≥ 0 per joint."""
@@ -285,6 +329,12 @@ def _fixed(values: Any) -> Array:
     array = np.array(values, dtype=float)
     array.setflags(write=False)
     return array
+
+
+def frame_index(model: pinocchio.Model, name: str) -> int:
+    """Return the index of a frame that exists; of a link and a joint of one name, whose frames agree, the link's."""
+    kinds = pinocchio.FrameType.BODY
+    return int(model.getFrameId(name, kinds) if model.existFrame(name, kinds) else model.getFrameId(name))
 
 
 def to_pinocchio(x: Array) -> tuple[Array, Array]:

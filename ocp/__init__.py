@@ -93,6 +93,7 @@ from .language import interpolate as interpolate
 from .language import is_same_time as is_same_time
 from .language import load_problem as load_problem
 from .language import load_problem_file as load_problem_file
+from .language import load_problems_file as load_problems_file
 from .language import match_labels as match_labels
 from .language import model_of as model_of
 from .language import node_before as node_before

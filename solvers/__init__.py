@@ -19,6 +19,7 @@ from .qp import solve_qp as solve_qp
 from .receding import ActingPlan as ActingPlan
 from .receding import Adapting as Adapting
 from .receding import Loop as Loop
+from .receding import Motions as Motions
 from .receding import Plan as Plan
 from .receding import PlannedPhase as PlannedPhase
 from .receding import RecedingHorizon as RecedingHorizon

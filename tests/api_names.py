@@ -45,6 +45,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "instance": "a compiled problem with other numbers; solve_batch calls it for each instance",
         "is_same_time": "whether two times count as one",
         "load_problem_file": "a problem with the file it is from; load_problem is the way to a problem",
+        "load_problems_file": "one problem or several with the file; load_problem is the way to a problem",
         "model_of": "the model of a segment, for those who walk a schedule",
         "numbers_of": _CHECK,
         "owner_of": "names the term of a row, for errors of solvers",

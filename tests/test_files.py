@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from piaffe.errors import FileWriteError
 from piaffe.files import Fault, read_archive, read_arrays, whole_file, write_arrays, write_whole
 
 
@@ -66,7 +67,10 @@ def test_an_older_file_stays_when_writing_fails(tmp_path: Path, error: type[Base
 
 
 def test_a_writer_that_writes_nothing_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError), whole_file(tmp_path / "nothing.mp4"):
+    with (
+        pytest.raises(FileWriteError, match=r"nothing.mp4': cannot be written - got No such"),
+        whole_file(tmp_path / "nothing.mp4"),
+    ):
         pass
     assert list(tmp_path.iterdir()) == []
 

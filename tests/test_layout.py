@@ -81,6 +81,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     assert sum(map(len, graph.values())) > 600
     upward = {"piaffe.ocp.compiler", "piaffe.ocp.reports", "piaffe.ocp.reports.describe"}
     graph["piaffe.ocp.language.problem"] -= upward  # print(problem) and problem.warnings()
+    graph["piaffe.models.robot"] -= {"piaffe.models.inverse_kinematics"}  # robot.inverse_kinematics(...)
     assert circle_in(graph) == []
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
@@ -46,6 +46,8 @@ class GaitFunctions:
         command: declared values of ``COMMANDS``.
         ramp: length of a ramp [s].
         heading_limit: largest angle between the kept heading and the measured one [rad].
+        lag_gain: velocity that makes up for a lag, per length of the lag [1/s].
+        lag_limit: largest lag, forward and left [m].
         terrain: height of the ground [m].
         weight: sum of the vertical contact forces while there are any [N].
     """
@@ -57,6 +59,8 @@ class GaitFunctions:
     command: Array
     ramp: float
     heading_limit: float
+    lag_gain: float
+    lag_limit: float
     terrain: float
     weight: float
 
@@ -67,7 +71,8 @@ class GaitFunctions:
         c, motion, start = cs.SX.sym("c", len(COMMANDS)), cs.SX.sym("motion", 3), cs.SX.sym("start", 13 + 3 * nf)
         x, (tau, dt, phi) = cs.SX.sym("x", self.state.nx), (cs.SX.sym(name) for name in ("tau", "dt", "phi"))
         memory, feet_rows = GaitMemory.of(m), rows_of(row)
-        sample = self._sample(tau, memory, phi, feet_rows)
+        aimed = memory.corrected(self.lag_gain)
+        sample = self._sample(tau, aimed, phi, feet_rows)
         state = tuple((block.quantity, block.nx) for block in self.state.blocks)
 
         def function(name: str, inputs: list[cs.SX], names: list[str], output: cs.SX, out: str) -> cs.Function:
@@ -90,7 +95,7 @@ class GaitFunctions:
                 "sample", [tau, m, phi, row], ["tau", "m", "phi", "row"], cs.vertcat(*sample.values()), "s"
             ),
             pose=function(
-                "pose", [tau, m], ["tau", "m"], cs.vertcat(memory.path.position(tau), memory.path.yaw(tau)), "pose"
+                "pose", [tau, m], ["tau", "m"], cs.vertcat(aimed.path.position(tau), aimed.path.yaw(tau)), "pose"
             ),
         )  # fmt: skip
 
@@ -125,7 +130,7 @@ class GaitFunctions:
             flies = self.schedule.stances(foot, 0.0)[0, 1] <= SAME_TIME
             places.append(place if flies else cs.vertcat(place[:2], self.steps.ground))
         posture = cs.vertcat(start[2], rpy[:2])
-        return GaitMemory(path, c[3], posture, cs.SX.zeros(3), ramp, cs.SX.zeros(2), places)
+        return GaitMemory(path, c[3], posture, cs.SX.zeros(3), ramp, cs.SX.zeros(2), cs.SX.zeros(2), places)
 
     # ---- as time goes on
 
@@ -135,7 +140,7 @@ class GaitFunctions:
         """Return the memory at a later time, anchored at a measured state, as ``BoundGait.anchored``.
 
         The position is the measured one. The heading is that of the path, an integral of the command, within the limit
-        about the measured one.
+        about the measured one. What the base is behind the integral of the command goes into the lag.
         """
         later, position = memory.path.later(dt), x[base.position]
         heading = rotation.to_rpy(x[base.orientation])[2]
@@ -146,16 +151,22 @@ class GaitFunctions:
         ramp = cs.if_else(changes, self.ramp, later.ramp)
         path = PathExpression(pose, later.first, c[:3], ramp)
         posture, rates = memory.ease(self.terrain).at(dt)
-        error = x.get(base.linear_velocity, cs.SX.zeros(3))[:2] - path.velocity(cs.SX(0))
+        lag = cs.SX.zeros(2)
+        if self.lag_gain:
+            behind = memory.lag + turned(-pose[2], later.pose[:2] - position[:2])
+            lag = cs.fmin(cs.fmax(behind, -self.lag_limit), self.lag_limit)
         measured = None
         if joints.position in x:
             measured = self._world_feet(position, x[base.orientation], x[joints.position])
+        aimed = memory.corrected(self.lag_gain)
         places = [
-            self._place(foot, memory, dt, phi, row, None if measured is None else measured[foot][:2])
+            self._place(foot, aimed, dt, phi, row, None if measured is None else measured[foot][:2])
             for foot, row in enumerate(rows)
         ]
         upright = cs.fmax(memory.upright - dt, 0)
-        return GaitMemory(path, c[3], posture, rates, upright, error, places)
+        advanced = GaitMemory(path, c[3], posture, rates, upright, cs.SX.zeros(2), lag, places)
+        velocity = x.get(base.linear_velocity, cs.SX.zeros(3))[:2]
+        return replace(advanced, error=velocity - advanced.corrected(self.lag_gain).path.velocity(cs.SX(0)))
 
     def _place(
         self, foot: int, memory: GaitMemory, dt: cs.SX, phi: cs.SX, row: FootRow, measured: cs.SX | None
@@ -229,4 +240,4 @@ def _moved(memory: GaitMemory, motion: cs.SX) -> GaitMemory:
     places = [cs.vertcat(shift + turned(yaw, place[:2]), place[2]) for place in memory.places]
     moved = PathExpression(pose, path.first, path.last, path.ramp)
     error = turned(yaw, memory.error)
-    return GaitMemory(moved, memory.height, memory.posture, memory.rates, memory.upright, error, places)
+    return GaitMemory(moved, memory.height, memory.posture, memory.rates, memory.upright, error, memory.lag, places)

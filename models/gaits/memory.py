@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as cs
 
 from .path_expression import EaseExpression, PathExpression
 
-_FIXED = 20  # entries beside the places of the feet
+_FIXED = 22  # entries beside the places of the feet
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +22,7 @@ class GaitMemory:
         rates: their rates now, (3, 1).
         upright: time until roll and pitch are zero [s].
         error: velocity that the next foothold of every foot makes up for, world axes, (2, 1) [m/s].
+        lag: how far the base is behind the integral of the command, forward and left, (2, 1) [m].
         places: per foot, where it stands or has last stood, (3, 1) [m].
     """
 
@@ -31,7 +32,16 @@ class GaitMemory:
     rates: cs.SX
     upright: cs.SX
     error: cs.SX
+    lag: cs.SX
     places: list[cs.SX]
+
+    def corrected(self, gain: float) -> GaitMemory:
+        """Return the memory whose path has the velocity that makes up for the lag, at a gain [1/s]."""
+        if not gain:
+            return self
+        more = cs.vertcat(gain * self.lag, 0)
+        path = self.path
+        return replace(self, path=PathExpression(path.pose, path.first + more, path.last + more, path.ramp))
 
     def ease(self, terrain: float) -> EaseExpression:
         """Return how the posture goes on.
@@ -47,7 +57,7 @@ class GaitMemory:
         path = self.path
         return cs.vertcat(
             path.pose, path.first, path.last, path.ramp, self.height, self.posture, self.rates, self.upright,
-            self.error, *self.places,
+            self.error, self.lag, *self.places,
         )  # fmt: skip
 
     @staticmethod
@@ -55,7 +65,7 @@ class GaitMemory:
         """Return the memory of stacked entries."""
         path = PathExpression(m[:3], m[3:6], m[6:9], m[9])
         places = [m[at : at + 3] for at in range(_FIXED, m.numel(), 3)]
-        return GaitMemory(path, m[10], m[11:14], m[14:17], m[17], m[18:20], places)
+        return GaitMemory(path, m[10], m[11:14], m[14:17], m[17], m[18:20], m[20:22], places)
 
 
 def memory_size(num_feet: int) -> int:

@@ -66,6 +66,9 @@ class GaitReference(Reference):
         velocity_gain: k [s]; None for √(h/g).
         heading_limit: largest angle between the kept heading and the measured one [rad], at most π. Beyond it, as after
             a push, the kept heading goes with the measured one. With 0 every plan begins at the measured heading.
+        lag_gain: velocity that is added to the command to make up for the lag of the base behind the integral of the
+            command, per length of the lag [1/s]. With 0 an error of the speed stays.
+        lag_limit: largest lag that is made up for, forward and left [m]. What is beyond, as after a push, is forgotten.
         terrain: height of level ground [m]; None for the ground of the model.
     """
 
@@ -77,6 +80,8 @@ class GaitReference(Reference):
     swing_height: float | None = None
     velocity_gain: float | None = None
     heading_limit: float = 0.15
+    lag_gain: float = 0.0
+    lag_limit: float = 0.05
     terrain: float | None = None
 
     def __post_init__(self) -> None:
@@ -86,6 +91,8 @@ class GaitReference(Reference):
         self._require("ramp", self.ramp >= 0, "seconds ≥ 0")
         self._require("height", self.height is None or 0 < self.height < np.inf, "metres > 0")
         self._require("heading_limit", 0 <= self.heading_limit <= np.pi, "0 to π rad")
+        self._require("lag_gain", 0 <= self.lag_gain < np.inf, "a number ≥ 0 [1/s]")
+        self._require("lag_limit", 0 <= self.lag_limit < np.inf, "metres ≥ 0")
         self._require("swing_height", self.swing_height is None or 0 <= self.swing_height < np.inf, "metres ≥ 0")
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundGait:
@@ -125,7 +132,7 @@ class BoundGait(BoundReference):
         self._height = gait.height if gait.height is not None else self.robot.base_height("stand")
         self._gravity = float(np.linalg.norm(self.robot.model.gravity.linear)) or 9.81
         self._home = self.kinematics.feet(self.robot.pose("stand"))
-        self._anchor, self._error = np.inf, np.zeros(2)
+        self._anchor, self._error, self._lag = np.inf, np.zeros(2), np.zeros(2)
         self.ground = model.reference_ground if gait.terrain is None else Flat(gait.terrain)
         self._level = float(self.ground.level) if isinstance(self.ground, Flat) else 0.0
         self._begin(start)
@@ -208,8 +215,12 @@ class BoundGait(BoundReference):
         origin = place[:2] + turn_by(np.array(turn), np.array(self.path.origin[:2]) - wanted)
         moved = copy(self)
         moved.path = replace(self.path, origin=(float(origin[0]), float(origin[1]), self.path.origin[2] + turn))
+        if self.gait.lag_gain:
+            behind, limit = self._lag + turn_by(np.array(-yaw - turn), wanted - place[:2]), self.gait.lag_limit
+            moved._lag = np.clip(behind, -limit, limit)
+        moved._aim(t)
         velocity = np.asarray(actual.get(base.linear_velocity, np.zeros(3)))[:2]
-        moved._anchor, moved._error = t, velocity - moved.path.velocity(now)[0]
+        moved._anchor, moved._error = t, velocity - moved._aimed.velocity(now)[0]
         where = np.asarray(actual[feet.position]).reshape(-1, 3) if feet.position in actual else None
         moved.footsteps = self.footsteps.held(t, where, moved._footholds)
         moved._slope = _slope_of(moved.footsteps)
@@ -231,7 +242,7 @@ class BoundGait(BoundReference):
         command = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate, self._height])
         numbers = GaitFunctions(
             self.model.state, self.kinematics, self.footsteps.schedule, self._steps, command, self.gait.ramp,
-            self.gait.heading_limit, self._level, self._weight,
+            self.gait.heading_limit, self.gait.lag_gain, self.gait.lag_limit, self._level, self._weight,
         )  # fmt: skip
         return numbers.compile()
 
@@ -244,7 +255,18 @@ class BoundGait(BoundReference):
         first = np.array([*turn_by(-rpy[2], moving[:2]), turning[2]])
         last = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate])
         self.path = BasePath((float(position[0]), float(position[1]), float(rpy[2])), first, last, self.gait.ramp)
+        self._aimed = self.path
         self._posture = np.array([position[2], rpy[0], rpy[1]])
+
+    def _aim(self, t: float) -> None:
+        """Add the velocity that makes up for the lag to the path, which still goes through its position at time t."""
+        more = np.array([*(self.gait.lag_gain * self._lag), 0.0])
+        if not more.any():
+            self._aimed = self.path
+            return
+        aimed, now = replace(self.path, first=self.path.first + more, last=self.path.last + more), np.array([t])
+        x, y = np.array(self.path.origin[:2]) + self.path.position(now)[0] - aimed.position(now)[0]
+        self._aimed = replace(aimed, origin=(float(x), float(y), self.path.origin[2]))
 
     def _base(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return position, roll-pitch-yaw, linear velocity and rates of roll-pitch-yaw, (S, 3) each."""
@@ -253,17 +275,17 @@ class BoundGait(BoundReference):
         if self._slope is not None:
             more, faster = self._slope.posture(t, self._planar(t))
             posture, rates = posture + more, rates + faster
-        yaw, turning = self.path.yaw(t), self.path.command(t)[:, 2]
+        yaw, turning = self._aimed.yaw(t), self._aimed.command(t)[:, 2]
         return (
-            np.column_stack([self.path.position(t), posture[:, 0]]),
+            np.column_stack([self._aimed.position(t), posture[:, 0]]),
             np.column_stack([posture[:, 1:], yaw]),
-            np.column_stack([self.path.velocity(t), rates[:, 0]]),
+            np.column_stack([self._aimed.velocity(t), rates[:, 0]]),
             np.column_stack([rates[:, 1:], turning]),
         )
 
     def _planar(self, t: Array) -> PlanarMotion:
         return PlanarMotion(
-            self.path.position(t), self.path.velocity(t), self.path.yaw(t), self.path.command(t)[..., 2]
+            self._aimed.position(t), self._aimed.velocity(t), self._aimed.yaw(t), self._aimed.command(t)[..., 2]
         )
 
     def _below(self, t: Array) -> Any:
@@ -293,11 +315,11 @@ class BoundGait(BoundReference):
         lever = self._height / self._gravity
         gain = self.gait.velocity_gain if self.gait.velocity_gain is not None else np.sqrt(lever)
         middle = touchdown + length / 2
-        balance = home - lever * self.path.acceleration(middle)
-        place = self.path.position(middle) + turn_by(self.path.yaw(middle), balance)
+        balance = home - lever * self._aimed.acceleration(middle)
+        place = self._aimed.position(middle) + turn_by(self._aimed.yaw(middle), balance)
         corrected = np.flatnonzero(touchdown > self._anchor + SAME_TIME)[:1]
         place[corrected] += gain * self._error
-        hip, yaw = self.path.position(touchdown), self.path.yaw(touchdown)
+        hip, yaw = self._aimed.position(touchdown), self._aimed.yaw(touchdown)
         offset = turn_by(-yaw, place - hip) - home
         reach = self.kinematics.reach[foot]
         room = np.sqrt(max((STRETCH * reach) ** 2 - self._height**2, 0.0))

@@ -77,7 +77,14 @@ def build_model(urdf: Path, locked: Mapping[str, float] | None = None) -> pinocc
                 "[rad] or [m]; give one"
             )
         fixed.append(model.getJointId(name))
-        q[model.joints[fixed[-1]].idx_q] = position
+        at = model.joints[fixed[-1]].idx_q
+        lower, upper = float(model.lowerPositionLimit[at]), float(model.upperPositionLimit[at])
+        if lower < upper and not lower - 1e-9 <= position <= upper + 1e-9:
+            raise ModelError(
+                f"URDF '{urdf}', locked, joint '{name}': is beyond its range - got {position:g}, expected {lower:g} to "
+                f"{upper:g} [rad] or [m]; give a position within it, or correct the range"
+            )
+        q[at] = position
     name = model.name
     model = pinocchio.buildReducedModel(model, fixed, q)
     model.name = name

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from piaffe.errors import UnknownNameError
 
-from ..doctor_urdf import Finding, finding
-from ..robot import Foot
+from ..doctor_text import Finding, finding
+from ..robot import Foot, frame_index
 from .description import leaf_frames
 from .known import LEGS, KnownRobot
 
@@ -58,7 +58,7 @@ def feet_with_roles(
         return ()
     data = model.createData()
     pinocchio.framesForwardKinematics(model, data, pinocchio.neutral(model))
-    places = np.array([data.oMf[model.getFrameId(foot.frame)].translation[:2] for foot in made])
+    places = np.array([data.oMf[frame_index(model, foot.frame)].translation[:2] for foot in made])
     centre = places.mean(axis=0)
     return tuple(
         foot if foot.roles else replace(foot, roles=_roles(xy - centre)) for foot, xy in zip(made, places, strict=True)

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from piaffe.errors import ModelError
 
 from ..doctor_bodies import examine_bodies
-from ..doctor_urdf import Finding, examine_text, finding, merge_findings, root_link
+from ..doctor_feet import examine_feet
+from ..doctor_text import Finding, finding
+from ..doctor_urdf import examine_text, merge_findings, root_link
 from ..kinematics import Kinematics
 from ..per_joint import per_joint
 from ..robot import ROOT, Foot, Robot
@@ -124,6 +126,8 @@ def load(
     robot = with_poses(replace(robot, **losses), poses or {})
     if known is None and checked:
         warnings += _refuse_errors(urdf, examine_bodies(robot))
+        if robot.base == "free":
+            warnings += _refuse_errors(urdf, list(examine_feet(robot)))
     if checked:
         warnings = (warnings if known is None else []) + list(crossed_feet(robot.feet))
         kept = tuple(one for one in merge_findings(warnings) if one.severity == "warning")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import starmap
 from typing import TYPE_CHECKING
@@ -11,9 +11,20 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.errors import ModelError, ProblemError, UnknownNameError
+from piaffe.errors import ModelError, ProblemError, ShapeError, UnknownNameError
 
-from ..language import ByPhase, Constraint, Cost, ModelBase, Motion, Quantity, Schedule, model_of, numbers_of
+from ..language import (
+    ByPhase,
+    Constraint,
+    Cost,
+    FromArrays,
+    ModelBase,
+    Motion,
+    Quantity,
+    Schedule,
+    model_of,
+    numbers_of,
+)
 from .compiled import CompiledProblem
 from .compiled_phase import CompiledPhase
 from .mode import Row
@@ -29,7 +40,13 @@ Array = NDArray[np.float64]
 def check_targets(motion: Motion, models: list[ModelBase]) -> None:
     """Raise if a keyframe has a target that no model has, or one of another size or not finite."""
     for phase in (phase for piece in motion.pieces for phase in piece.phases):
-        for name, value in phase.target.values.items() if phase.target else ():
+        values = phase.target.values if phase.target else {}
+        try:
+            for model in models:
+                values = model.complete_keyframe(values)
+        except (ModelError, ShapeError, UnknownNameError) as error:
+            raise ProblemError(f"phase '{phase.name}' ({phase.source}): {error}") from error
+        for name, value in values.items():
             errors: list[Exception] = []
             for model in models:
                 try:
@@ -43,6 +60,39 @@ def check_targets(motion: Motion, models: list[ModelBase]) -> None:
             else:  # the most precise error is that of a model that has the target, but not with this value
                 precise = next((e for e in errors if not isinstance(e, UnknownNameError)), errors[0])
                 raise ProblemError(f"phase '{phase.name}' ({phase.source}): {precise}") from precise
+
+
+def check_columns(motion: Motion, models: list[ModelBase], terms: Iterable[Cost | Constraint]) -> None:
+    """Raise if arrays of targets have a column that no model and no cost has, or the name of a model's quantity."""
+    tracked = {term.quantity for term in terms if isinstance(term, Cost)}
+    for reference in {piece.reference for piece in motion.pieces if isinstance(piece.reference, FromArrays)}:
+        for column, values in reference.columns.items():
+            known = [quantity for model in models for quantity in _named(model, column.path, values[0])]
+            where = f"FromArrays ({reference.source}), '{column}'"
+            if column in tracked or column in known:
+                continue
+            if known:
+                raise ProblemError(
+                    f"{where}: is the name of a quantity - got text, expected the quantity itself, which says how it "
+                    f"is interpolated; write models.{column} without quotes"
+                )
+            names = ", ".join(f"'{model.name}'" for model in models)
+            raise ProblemError(
+                f"{where}: no model has it, and no cost tracks it - got models {names}, expected a quantity of one of "
+                "them; correct the name, or remove the column"
+            )
+
+
+def _named(model: ModelBase, path: str, row: Array) -> list[Quantity]:
+    """Return a model's quantities of a name; of a rotation, which a keyframe gives as three angles, too."""
+    for value in (row, np.zeros(3)):
+        try:
+            return list(model.keyframe({path: value}))
+        except UnknownNameError:
+            return []
+        except (ModelError, ProblemError, TypeError, ValueError):
+            continue
+    return [Quantity(path)]  # the size is wrong, which is another message
 
 
 def _check_finite_target(targets: dict[Quantity, Array]) -> None:

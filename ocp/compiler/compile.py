@@ -6,8 +6,9 @@ contact sets are parameters, so declarations of equal structure share the genera
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from itertools import groupby
@@ -38,7 +39,7 @@ from ..language import (
     parameter_names,
 )
 from .added import with_added
-from .checks import check_guess, check_last, check_models, check_names, check_targets
+from .checks import check_columns, check_guess, check_last, check_models, check_names, check_targets
 from .compiled import CompiledProblem
 from .compiled_phase import CompiledPhase
 from .finite import check_numbers
@@ -60,6 +61,7 @@ RESETTING = frozenset[At]({"running", "phase_end"})
 """The values of ``at`` of terms that apply at the model's own reset."""
 NOWHERE = frozenset[At]()
 _MODES_KEPT = 500
+_LINE = re.compile(r"\w:\d+\)")  # of a declaration, in a message
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,13 @@ def _lower_transition(of: _Transition) -> LoweredTransition:
 
 
 @interruptible()
-def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -> CompiledProblem:
+def compile_problem(
+    problem: Problem,
+    t0: float = 0.0,
+    *,
+    checks: bool = True,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> CompiledProblem:
     """Compile a problem into flat phases.
 
     Args:
@@ -107,6 +115,7 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
         t0: start of the horizon in the motion's time [s], rounded to a multiple of the first model's dt.
         checks: whether to evaluate all functions at the initial guess, and to raise for NaN and for controls without
             cost.
+        progress: called before each phase with the number of compiled phases, of all phases, and the phase's name.
 
     Raises:
         ProblemError: the declaration is inconsistent; the message names the place in the user's file.
@@ -115,7 +124,12 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
     misses = _lower.cache_info().misses + _lower_transition.cache_info().misses
     compilation = Compilation(problem)
     spans = horizon_phases(compilation.path, problem.schedule, t0)
-    phases = tuple(compilation.phase(i, spans) for i in range(len(spans)))
+    made = []
+    for i, span in enumerate(spans):
+        if progress is not None:
+            progress(i, len(spans), span.interval.phase.name)
+        made.append(compilation.phase(i, spans))
+    phases = tuple(made)
     compilation.check_bound(phases, complete=covers(problem.motion, spans))
     built = _lower.cache_info().misses + _lower_transition.cache_info().misses - misses
     compiled = CompiledProblem(
@@ -136,6 +150,16 @@ def compile_problem(problem: Problem, t0: float = 0.0, *, checks: bool = True) -
     return compiled
 
 
+def _placed(problem: Problem, models: tuple[ModelBase, ...], start: Sample) -> Path:
+    """Return a problem's path; an error of its references names the motion's line if it names none."""
+    try:
+        return problem.motion.bind(models, start)
+    except ProblemError as error:
+        if type(error) is not ProblemError or _LINE.search(str(error)):
+            raise
+        raise ProblemError(f"motion ({problem.motion.source}): {error}") from error
+
+
 class Compilation:
     """One run of the compiler over a problem: its path, its terms and their numbers."""
 
@@ -147,11 +171,12 @@ class Compilation:
         check_targets(problem.motion, models)
         check_last(problem.motion)
         check_models(problem.schedule)
-        self.path: Path = with_added(problem.motion.bind(tuple(models), self.start), models, problem.where)
+        self.path: Path = with_added(_placed(problem, tuple(models), self.start), models, problem.where)
         self.models = models
         scoped = problem.scoped_terms()
         self.terms = tuple(term for term, _ in scoped)
         self.scopes = tuple(scope for _, scope in scoped)
+        check_columns(problem.motion, models, self.terms)
         self.unbound: dict[tuple[str, int], str] = {}
         self.names: dict[str, ParameterKey] = parameter_names(self.terms, models) if problem.parameters else {}
         replaced = {

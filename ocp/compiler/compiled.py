@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import renamed_members
+from piaffe.html import html_table
 
 from ..language import Constraint, Cost, ParameterKey, Path, Phase, Source, caller, initial_state, merged
 from .compiled_phase import CompiledPhase
@@ -21,7 +22,7 @@ from .renumbered import renumbered
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CompiledProblem:
     """Flat phases, the initial state, and the terms of their rows.
 
@@ -48,6 +49,35 @@ class CompiledProblem:
     lowered: int
     compile_s: float
     source: Source = field(default_factory=caller)
+
+    def __repr__(self) -> str:
+        models = ", ".join(dict.fromkeys(phase.mode.model.name for phase in self.phases))
+        return (
+            f"CompiledProblem({self.source}: {len(self.phases)} phases, {self.num_stages} stages of {models}; "
+            f"{len(self.terms)} terms)"
+        )
+
+    def _repr_html_(self) -> str:
+        head = (
+            "phase",
+            "mode",
+            "model",
+            "stages",
+            "dt [s]",
+            "states",
+            "controls",
+            "residuals",
+            "inequalities",
+            "equalities",
+        )
+        rows = [
+            (
+                p.name, p.label, p.mode.model.name, p.num_stages, p.dt, p.mode.state.nx, p.mode.nu, p.weight.shape[1],
+                p.g_mask.shape[1], p.h_mask.shape[1],
+            )
+            for p in self.phases
+        ]  # fmt: skip
+        return html_table(repr(self), head, rows)
 
     @property
     def num_stages(self) -> int:

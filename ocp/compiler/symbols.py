@@ -85,16 +85,16 @@ class NodeSymbols:
                     "the function's argument supplies (or an ocp.parameter); compute it inside the function from its "
                     "argument"
                 )
-            self._add(parameter)
+            self._add(parameter, where)
             own |= {e.element_hash() for e in cs.symvar(parameter)}
 
-    def _add(self, parameter: Parameter) -> None:
-        """Add a part for a user's parameter."""
+    def _add(self, parameter: Parameter, where: str) -> None:
+        """Add a part for a user's parameter of a declaration."""
         key = ParameterKey("parameter", parameter.label)
         if self._parameters.get(key, parameter) is not parameter:
             raise ProblemError(
-                f"parameter '{parameter.label}': two parameters share a name - got two objects, expected one; rename "
-                "one"
+                f"{where}, parameter '{parameter.label}': two parameters share a name - got two objects, expected one; "
+                "rename one"
             )
         self._parameters[key] = parameter
         self._parts[key] = cs.SX(parameter)

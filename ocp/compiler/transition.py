@@ -60,6 +60,7 @@ class LoweredTransition:
         functions: see the table above.
         rows: the rows by kind: ``residual``, ``g``, ``h``.
         outputs: recorded quantities and their sizes.
+        output_labels: per recorded quantity the names of its components.
         bound: indices of the terms with rows here.
         unbound: why other terms, which only a reset can have, have none.
     """
@@ -73,6 +74,7 @@ class LoweredTransition:
     functions: Mapping[str, cs.Function]
     rows: Mapping[str, tuple[Row, ...]]
     outputs: tuple[tuple[Quantity, int], ...]
+    output_labels: tuple[tuple[str, ...], ...]
     bound: tuple[int, ...]
     unbound: Mapping[int, str]
 
@@ -177,6 +179,7 @@ def lower_transition(
         },
         rows={kind: names_of(pieces) for kind, pieces in rows.items()},
         outputs=tuple((each.quantity, each.value.numel()) for each in recorded),
+        output_labels=tuple(tuple(each.labels) for each in recorded),
         bound=tuple(k for k in at_reset if k not in unbound),
         unbound=unbound,
     )

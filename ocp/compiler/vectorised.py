@@ -33,6 +33,9 @@ class Vectorised:
         self._outputs = {name: _Output(name, function.sparsity_out(i)) for i, name in enumerate(self.names)}
         self._calls: dict[int, tuple[Any, Any]] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_calls": {}}  # calls refer to memory of this process
+
     def __call__(self, *arguments: Array) -> list[Array]:
         """Evaluate; arguments are (n, size), results (n, rows, cols) for matrices and (n, rows) for columns."""
         return [self.filled(name, values) for name, values in zip(self.names, self.nonzeros(*arguments), strict=True)]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError
 
-from ..compiler.checks import require_derivatives
+from ..compiler.checks import check_controls, require_derivatives
 from ..compiler.compile import Compilation
 from ..compiler.compiled import CompiledProblem
 from ..compiler.mode import Row
@@ -44,9 +44,11 @@ class Horizon:
         problem, models: the declaration, and the models of its schedule.
         calendar: the phases on a grid of ticks. layout: the parts of a horizon. tables: numbers of the nodes.
         targets: the quantities of a sample. courses: references in the plan's frame. falls: flights and landings.
+        first: the compiled problem of the horizon at the motion's start.
 
     Raises:
-        ProblemError: the problem does not compile, or a time step or phase does not fit the grid.
+        ProblemError: the problem does not compile, a time step or phase does not fit the grid, or a control has no
+            running cost at the motion's start.
     """
 
     latest = 1e7
@@ -69,8 +71,9 @@ class Horizon:
         pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
         self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)
         self._phases = Phases(compilation, self.layout, self.tables, self.courses, self.state_copies, self.acting)
-        self._first = self.at(self.begin(problem.initial, 0.0), problem.initial)
-        compilation.check_bound(self._first.phases, complete=False)
+        self.first = self.at(self.begin(problem.initial, 0.0), problem.initial)
+        compilation.check_bound(self.first.phases, complete=False)
+        check_controls(self.first)
 
     @property
     def dt(self) -> float:
@@ -93,7 +96,7 @@ class Horizon:
 
     def row_name(self, row: Row) -> str:
         """Return the name of a row: term, component and side."""
-        return self._first.row_name(row)
+        return self.first.row_name(row)
 
     # ---- courses
 

@@ -55,6 +55,7 @@ from .problem import Problem as Problem
 from .problem_file import file_error as file_error
 from .problem_file import load_problem as load_problem
 from .problem_file import load_problem_file as load_problem_file
+from .problem_file import load_problems_file as load_problems_file
 from .problem_file import problem_names as problem_names
 from .problem_file import run_file as run_file
 from .problem_file import split_spec as split_spec

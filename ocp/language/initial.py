@@ -10,6 +10,8 @@ from piaffe.errors import ProblemError, ShapeError
 from .model import ModelBase
 from .user_input import numbers_of
 
+_OFF_UNIT = 0.1  # measured quaternions, and those of another precision, are nearer to unit length
+
 
 def initial_state(model: ModelBase, initial: ArrayLike, where: str) -> NDArray[np.float64]:
     """Return an initial state of a model, (nx,), with its quaternions scaled to unit length.
@@ -21,7 +23,7 @@ def initial_state(model: ModelBase, initial: ArrayLike, where: str) -> NDArray[n
 
     Raises:
         ShapeError: the initial state has another size.
-        ProblemError: it is not an array of numbers, it is not finite, or a quaternion is zero.
+        ProblemError: it is not an array of numbers, it is not finite, or a quaternion is far from unit length.
     """
     state = model.state
     x = numbers_of(initial, where, "initial state")
@@ -43,5 +45,11 @@ def initial_state(model: ModelBase, initial: ArrayLike, where: str) -> NDArray[n
             raise ProblemError(
                 f"{where}: initial state has an invalid '{quantity}' - got a quaternion of zeros, expected one of unit "
                 "length, (1, 0, 0, 0) for no rotation; build it with the model's state()"
+            )
+        if quantity.kind == "rotation" and abs(float(np.linalg.norm(x[part])) - 1) > _OFF_UNIT:
+            raise ProblemError(
+                f"{where}: initial state has an invalid '{quantity}' - got a quaternion of length "
+                f"{np.linalg.norm(x[part]):.3g}, {x[part].tolist()}, expected one of unit length; build it with the "
+                "model's state()"
             )
     return state.np_normalise(x)

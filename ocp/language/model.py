@@ -10,8 +10,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from inspect import isfunction, signature
+from typing import Any, Self
 
 import casadi as cs
 import numpy as np
@@ -24,6 +25,7 @@ from .invariants import Invariants
 from .manifold import Manifold
 from .quantity import Bound, Quantity
 from .schedule import Schedule, Segment
+from .sending import sendable
 from .source import Source
 
 Array = NDArray[np.float64]
@@ -239,6 +241,13 @@ class ModelBase(ABC):
                 "stage, from the targets nodes[k].sample"
             )
 
+    def __getstate__(self) -> dict[str, Any]:
+        kept = {name: value for name, value in self.__dict__.items() if not _is_cached(type(self), name)}
+        return sendable(kept, f"model '{self.name}'")
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        return self  # models compare by identity, and do not change
+
     # ---- what every model defines
 
     @abstractmethod
@@ -320,6 +329,10 @@ class ModelBase(ABC):
         """Return what holds in a mode over many steps, for a verification; by default nothing."""
         return Invariants()
 
+    def complete_keyframe(self, values: Mapping[str, object]) -> Mapping[str, object]:
+        """Return the entries of a keyframe after those that follow from several of them; by default the same."""
+        return values
+
     def keyframe(self, values: Mapping[str, object]) -> dict[Quantity, Array]:
         """Translate a keyframe's entries to quantities; a rotation as roll, pitch, yaw, (3,) [rad], full turns kept."""
         targets: dict[Quantity, Array] = {}
@@ -396,6 +409,11 @@ class ModelBase(ABC):
     def until_end(self, dt: float) -> Schedule:
         """Return a schedule of this model until the motion ends, with time step dt [s]."""
         return Schedule((Segment(self, None, dt),))
+
+
+def _is_cached(owner: type, name: str) -> bool:
+    """Return whether an attribute is a result that is computed again when it is needed."""
+    return isinstance(getattr(owner, name, None), cached_property)
 
 
 def _takes(function: Callable[..., object], count: int) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from piaffe.errors import ProblemError
+from piaffe.html import html_table
 
 from .frame import ORIGIN
 from .model import ModelBase, Sample
@@ -20,7 +21,7 @@ from .trajectory import SCHEDULED, Trajectory
 from .user_input import brief
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Motion:
     """A sequence of phases and their targets.
 
@@ -55,6 +56,16 @@ class Motion:
             once, phases = once + phases, ()
         piece = Piece(once, phases, None if cyclic else 0, reference or Keyframes())
         object.__setattr__(self, "pieces", (piece,))
+
+    def __repr__(self) -> str:
+        names = [phase.name for piece in self.pieces for phase in piece.phases]
+        shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+        length = "without end" if self.pieces[-1].is_endless else f"{self.duration:g} s"
+        return f"Motion({len(names)} phases, {length}: {shown})"
+
+    def _repr_html_(self) -> str:
+        phases = [phase for piece in self.pieces for phase in piece.phases]
+        return html_table(repr(self), ("phase", "mode", "duration [s]"), [(p.name, p.mode, p.duration) for p in phases])
 
     def _check_reference(self, reference: object, phases: tuple[Phase, ...]) -> None:
         """Raise if the reference is not an ``ocp.Reference``, or if phases have keyframes that it does not read."""

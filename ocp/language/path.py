@@ -84,6 +84,9 @@ class Path:
     def _phases(self) -> _PhasesByTime:
         return _PhasesByTime(self.pieces)
 
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "_phases"}  # it has an iterator
+
 
 _CYCLES = 64  # cycles of an endless piece that are listed one by one; the place of later ones is computed
 

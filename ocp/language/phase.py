@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Self
 
 from piaffe.errors import ProblemError
 
+from .sending import sendable
 from .source import Source, caller
 from .term import Constraint, Cost
 from .termset import Constraints, Objective
@@ -36,7 +37,8 @@ class Keyframe:
     """Targets at the end of a phase; the path between keyframes is interpolated.
 
     The model defines the names. Models of robots accept ``position``, ``rpy``, ``joints``, ``linear_velocity``,
-    ``angular_velocity`` and ``joint_velocities``. Every model accepts the names of its own states and controls.
+    ``angular_velocity``, ``joint_velocities``, and ``feet``, places of feet that the joints of their legs reach. Every
+    model accepts the names of its own states and controls.
     """
 
     values: Mapping[str, Any]
@@ -51,6 +53,12 @@ class ResetMap:
 
     function: Callable[..., Mapping[str, Any]]
     source: Source
+
+    def __getstate__(self) -> dict[str, Any]:
+        return sendable(self.__dict__, f"reset ({self.source})")
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        return self
 
 
 def reset(function: Callable[..., Mapping[str, Any]]) -> ResetMap:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError
+from piaffe.html import html_table
 
 from .initial import initial_state
 from .model import ModelBase, ProblemWarning, model_of
@@ -23,7 +24,7 @@ from .termset import Constraints, Objective
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, init=False, eq=False)
+@dataclass(frozen=True, init=False, eq=False, repr=False)
 class Problem:
     """One declaration of an optimal-control problem.
 
@@ -167,6 +168,27 @@ class Problem:
         from ..reports import early_warnings, find_warnings
 
         return early_warnings(self) + find_warnings(compile_problem(self))
+
+    def __repr__(self) -> str:
+        parts = ", ".join(
+            f"{segment.model.name} {'until the end' if segment.duration is None else f'{segment.duration:g} s'}"
+            f" in {segment.dt:g} s"
+            for segment in self.schedule.segments
+        )
+        terms = f"{len(tuple(self.objective))} costs, {len(tuple(self.constraints))} constraints"
+        return f"Problem({self.source}: {self.motion!r}; {parts}; {terms})"
+
+    def _repr_html_(self) -> str:
+        terms = [
+            (
+                "cost" if isinstance(term, Cost) else term.kind,
+                term.name,
+                term.at,
+                "all" if phase is None else phase.name,
+            )
+            for term, phase in self.scoped_terms()
+        ]
+        return self.motion._repr_html_() + html_table(repr(self), ("kind", "term", "at", "phases"), terms)
 
     def __str__(self) -> str:
         from ..compiler import compile_problem

@@ -6,6 +6,7 @@ import importlib.util
 import re
 import sys
 import traceback
+from collections.abc import Mapping
 from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from types import ModuleType
@@ -32,18 +33,49 @@ def load_problem(spec: str, *, quiet: bool = False) -> Problem:
 
 def load_problem_file(spec: str, *, quiet: bool = False) -> tuple[Problem, ModuleType]:
     """Return the problem of ``FILE`` or ``FILE:name`` and the file as a module; see :func:`load_problem`."""
+    from .problem import Problem
+
     with redirect_stdout(sys.stderr) if quiet else nullcontext():
         path, name = split_spec(spec)
         module = run_file(path)
-        return _problem(path, name, module), module
+        found = _object(path, name, module)
+        if not isinstance(found, Problem):
+            raise _no_problem(path, name, found, "an ocp.Problem or a function that returns one")
+        return found, module
 
 
-def _problem(path: Path, name: str, module: ModuleType) -> Problem:
+def load_problems_file(spec: str, *, quiet: bool = False) -> tuple[Problem | dict[str, Problem], ModuleType]:
+    """Return the problem, or the problems by name, of ``FILE`` or ``FILE:name``, and the file as a module.
+
+    Several problems are a dict of problems, or a function that returns one; else as :func:`load_problem`.
+    """
     from .problem import Problem
 
+    with redirect_stdout(sys.stderr) if quiet else nullcontext():
+        path, name = split_spec(spec)
+        module = run_file(path)
+        found = _object(path, name, module)
+        if isinstance(found, Problem):
+            return found, module
+        if isinstance(found, Mapping) and found and all(isinstance(each, Problem) for each in found.values()):
+            return {str(key): each for key, each in found.items()}, module
+        raise _no_problem(path, name, found, "an ocp.Problem, a dict of them by name, or a function that returns one")
+
+
+def _no_problem(path: Path, name: str, found: object, expected: str) -> ProblemError:
+    several = isinstance(found, Mapping)
+    more = "; piaffe mpc and piaffe export take several problems" if several else ""
+    return ProblemError(
+        f"file '{path}', name '{name}': is not a problem - got {type(found).__name__}, expected {expected}; choose "
+        f"another name with FILE:name{more}"
+    )
+
+
+def _object(path: Path, name: str, module: ModuleType) -> object:
+    """Return the object of a name, or what it returns if it is a function."""
     if not hasattr(module, name):
         raise UnknownNameError(f"file '{path}'", "problem", name, problem_names(module))
-    found = getattr(module, name)
+    found: object = getattr(module, name)
     if callable(found):
         try:
             found = found()
@@ -52,11 +84,6 @@ def _problem(path: Path, name: str, module: ModuleType) -> Problem:
             raise
         except Exception as error:
             raise file_error(path, error) from error
-    if not isinstance(found, Problem):
-        raise ProblemError(
-            f"file '{path}', name '{name}': is not a problem - got {type(found).__name__}, expected an ocp.Problem or "
-            "a function that returns one; choose another name with FILE:name"
-        )
     return found
 
 

@@ -23,6 +23,8 @@ from .user_input import numbers_of
 
 Array = NDArray[np.float64]
 
+_OFF_UNIT = 0.1  # rows of another precision are nearer to unit length
+
 
 @dataclass(frozen=True)
 class _Curve:
@@ -82,6 +84,8 @@ class BoundKeyframes(BoundReference):
 def translate(models: tuple[ModelBase, ...], values: Mapping[str, object]) -> dict[Quantity, Array]:
     """Translate a keyframe for several models: the first model that has a target of an entry's name translates it."""
     targets: dict[Quantity, Array] = {}
+    for model in models:
+        values = model.complete_keyframe(values)
     for name, value in values.items():
         errors = []
         for model in models:
@@ -237,7 +241,8 @@ class FromArrays(Reference):
     """
 
     def __init__(self, times: ArrayLike, columns: Mapping[Quantity | str, ArrayLike]) -> None:
-        where = f"FromArrays ({caller()})"
+        self.source = caller()
+        where = f"FromArrays ({self.source})"
         self.times: Array = numbers_of(times, where, "times")
         if self.times.ndim != 1 or self.times.size == 0 or not np.all(np.diff(self.times) > 0):
             raise ProblemError(
@@ -258,6 +263,12 @@ class FromArrays(Reference):
                 raise ProblemError(
                     f"{where}, '{quantity}': values are unusable - got NaN or infinity, expected finite numbers; "
                     "fix them"
+                )
+            if quantity.kind == "rotation" and np.any(np.abs(np.linalg.norm(values, axis=1) - 1) > _OFF_UNIT):
+                row = int(np.argmax(np.abs(np.linalg.norm(values, axis=1) - 1)))
+                raise ProblemError(
+                    f"{where}, '{quantity}': values are no quaternions - got {values[row].tolist()} in row {row}, "
+                    "expected unit length, w first; scale them"
                 )
 
     def bind(self, model: ModelBase, piece: Piece, start: Sample, frame: PlanarFrame) -> BoundReference:

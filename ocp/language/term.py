@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, overload
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from piaffe.errors import ProblemError, ShapeError
 
 from .quantity import Quantity, match_labels
+from .sending import sendable
 from .source import Source, caller
 from .user_input import copied, numbers_of
 
@@ -81,6 +82,12 @@ class Term:
     def where(self) -> str:
         """Name, file and line, for messages."""
         return f"term '{self.name}' ({self.source})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return sendable(self.__dict__, self.where)
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        return self  # a value that does not change; its functions need no copy
 
     def applies(self, phase: str) -> bool:
         """Return whether the term applies to a phase of this name."""
@@ -314,9 +321,15 @@ def track(
 
 
 def regularize(
-    quantity: Quantity | str, weight: Any = 1.0, *, at: At = "running", when: When = None, name: str | None = None
+    quantity: Quantity | str,
+    weight: Any = 1.0,
+    *,
+    at: At = "running",
+    when: When = None,
+    mask: Function | None = None,
+    name: str | None = None,
 ) -> Cost:
-    """Return a cost ½ Σ wᵢ qᵢ² that keeps a quantity small."""
+    """Return a cost ½ Σ wᵢ qᵢ² that keeps a quantity small; ``mask`` selects rows, as for :func:`track`."""
     q = _as_quantity(quantity)
     suffix = "" if at == "running" else f" at {at}"
     return Cost(
@@ -326,6 +339,7 @@ def regularize(
         at=at,
         when=when,
         target=np.zeros(0),
+        mask=mask,
         unit=q.unit,
     )
 

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from ..compiler import CompiledPhase, CompiledProblem, Guess, Row
 from ..language import ProblemWarning
+from .constant_costs import constant_costs
 from .contradictions import contradictions, same_twice
 from .grid import few_steps
 from .reach import out_of_reach
+from .short_references import short_references
 from .turns import far_angles, many_turns, other_order
 
 Array = NDArray[np.float64]
@@ -31,7 +33,7 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
     found = [warning for model in models for warning in model.warnings(compiled.path)]
     found += [*few_steps(compiled), *many_turns(compiled), *far_angles(compiled), *other_order(compiled)]
     found += [*initial_violations(compiled), *same_twice(compiled), *contradictions(compiled)]
-    found += out_of_reach(compiled)
+    found += [*out_of_reach(compiled), *constant_costs(compiled), *short_references(compiled)]
     guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
     if guesses:
         stages = {phase: guess.stage["residual"] for phase, guess in guesses.items()}

@@ -11,7 +11,7 @@ from functools import partial
 from multiprocessing import get_context
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,10 +23,8 @@ from ..value import Precision, Value, ValueInputs, fingerprint, load_value, plai
 from .collect import CollectOptions, collect, constraints_of, simulator_of
 from .dataset import Records
 from .options import LearnOptions
+from .shown import Progress, shown_line, silent
 from .transitions import Transitions
-
-Progress = Callable[[str, int, int], None]
-"""Called with the name of a stage, the number of its completed parts, and the number of all its parts."""
 
 
 def train_value(
@@ -41,7 +39,7 @@ def train_value(
     executor: Executor | None = None,
     workers: int = 0,
     precision: Precision = "half",
-    progress: Progress | None = None,
+    progress: Progress | Literal[False] | None = None,
 ) -> Value:
     """Learn the value function of the constraint-discounted controller on a problem, and write it to a file.
 
@@ -60,7 +58,8 @@ def train_value(
         executor: makes shards in parallel.
         workers: number of processes that make shards if there is no executor; 0 makes them in this process.
         precision: precision of the weights in the file.
-        progress: called after each part of a stage; ``piaffe.viz.stage_bars`` shows bars.
+        progress: called after each part of a stage; ``piaffe.viz.stage_bars`` shows bars. By default a line on a
+            terminal shows the stage and its parts; False shows nothing.
 
     Returns:
         The value, as read from the file.
@@ -76,13 +75,12 @@ def train_value(
             f"train_value: γ₀ differs between the two options - got discount {learning.discount:g} in learning, "
             f"expected {collecting.follow.discount:g} as in collecting.follow; make them equal"
         )
-    if not (progress is None or callable(progress)):
+    if not (progress is None or progress is False or callable(progress)):
         raise SamplingError(
             f"train_value: progress is no function - got {progress!r}, expected a function of a stage's name, the "
-            "number of completed parts and of all parts; leave it out, or pass the one of "
-            "`with piaffe.viz.stage_bars() as progress`"
+            "number of completed parts and of all parts; leave it out, pass the one of "
+            "`with piaffe.viz.stage_bars() as progress`, or False to show nothing"
         )
-    step = progress or _silent
     learn = _learner()
     target = Path(out)
     folder = Path(work) if work is not None else target.with_suffix(".work")
@@ -92,7 +90,8 @@ def train_value(
     records: Records | None = None
     value: Value | None = None
     kept: Path | None = None
-    with _pool(executor, workers) as pool:
+    display = shown_line() if progress is None else nullcontext(progress or silent)
+    with _pool(executor, workers) as pool, display as step:
         for number in range(collecting.rounds):
             stage = f"round {number + 1}: " if collecting.rounds > 1 else ""
             place = folder / f"round-{number}"
@@ -112,10 +111,6 @@ def train_value(
             value.save(kept)
     assert value is not None
     return load_value(value.save(target, precision), features=inputs.features)
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    """Show nothing."""
 
 
 def _pool(executor: Executor | None, workers: int) -> AbstractContextManager[Executor | None]:

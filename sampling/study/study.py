@@ -7,12 +7,14 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from dataclasses import dataclass, field
+from io import BytesIO
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 from piaffe.errors import SamplingError
-from piaffe.files import whole_file
+from piaffe.files import write_whole
+from piaffe.html import html_table
 from piaffe.interrupts import deferred
 from piaffe.simulation import Episode
 
@@ -81,6 +83,16 @@ class Study:
 
     def __init__(self, cases: Sequence[Case], folder: str | Path) -> None:
         self.cases, self.folder = tuple(cases), Path(folder)
+
+    def __repr__(self) -> str:
+        done = sum(self.path(case).exists() for case in self.cases)
+        cells = len(dict.fromkeys(case.cell for case in self.cases))
+        return f"Study({cells} cells, {len(self.cases)} episodes, {done} of them finished; '{self.folder}')"
+
+    def _repr_html_(self) -> str:
+        found = {cell: [c for c in self.cases if c.cell == cell] for cell in dict.fromkeys(c.cell for c in self.cases)}
+        rows = [(cell, len(cases), sum(self.path(case).exists() for case in cases)) for cell, cases in found.items()]
+        return html_table(repr(self), ("cell", "episodes", "finished"), rows)
 
     def path(self, case: Case) -> Path:
         """Return the path of an episode's file."""
@@ -218,8 +230,9 @@ def write_parquet(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> Path:
         name: pyarrow.array(column, None if any(value is not None for value in column) else text)
         for name, column in columns.items()
     })  # fmt: skip
-    with whole_file(Path(path)) as temporary:
-        parquet.write_table(table, temporary)
+    content = BytesIO()
+    parquet.write_table(table, content)
+    write_whole(Path(path), content.getvalue())
     return Path(path)
 
 

@@ -9,23 +9,23 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from piaffe import __version__
 from piaffe.codegen import SOLVER_FLAGS, Part, Project, check_name, write_files
 from piaffe.errors import SolverError
-from piaffe.ocp import Problem
+from piaffe.ocp import Horizon, Problem
 
 from ..ilqr import constants_header
 from ..qp import QpStatus
-from ..receding import HEADER, PART, Plan, RecedingHorizon
+from ..receding import HEADER, PART, Motions, Plan, RecedingHorizon
 from ..tracking import LowLevel
 from . import interface
 from .build_files import build_values
+from .header import header_values
 from .layout import Layout, layout_of
 from .manifest import LICENSE, manifest
 from .measure import Measured, measure
 from .memory import HANDOVER, ControllerMemory
+from .planners import planner_values
 from .readme import readme
 from .record import Recorder
 
@@ -54,7 +54,7 @@ class Exported:
     folder: Path
     name: str
     layout: Layout
-    mpc: RecedingHorizon
+    mpc: RecedingHorizon | Motions
     low: LowLevel
     plan_numbers: int
 
@@ -77,7 +77,7 @@ class Exported:
 
 
 def export_controller(
-    problem: Problem,
+    problem: Problem | Mapping[str, Problem],
     folder: Path | str,
     *,
     name: str,
@@ -88,13 +88,14 @@ def export_controller(
     """Write a controller into a folder, as C.
 
     Args:
-        problem: the declaration.
+        problem: the declaration, or several by name, between which a command changes, see :class:`Motions`.
         folder: where to.
         name: of the controller in C: prefix of all names.
-        options: arguments of :class:`RecedingHorizon`.
+        options: arguments of :class:`RecedingHorizon`, or of :class:`Motions`.
         low: makes the low level from a plan.
-        max_age: age of a state until which its plan acts [s], more than a period and the latency; by default the
-            duration of the first model's part, at most 0.25 s or two periods and the latency.
+        max_age: age of a state until which its plan acts [s], more than a period and the latency, or than two periods
+            and the latency with several motions; by default the duration of the first model's part, at most 0.25 s or
+            a period more than that.
 
     Raises:
         SolverError: the name or an age is unusable, planner or low level are not compiled, or the folder cannot be
@@ -102,15 +103,17 @@ def export_controller(
     """
     folder, given = Path(folder), dict(options or {})
     check_name(name)
-    mpc = RecedingHorizon(problem, **given)
-    due = mpc.period + mpc.latency
+    several = not isinstance(problem, Problem)
+    make: Callable[..., RecedingHorizon | Motions] = Motions if several else RecedingHorizon
+    mpc = make(problem, **given)
+    due = mpc.period * (1 + several) + mpc.latency
+    reason = f"{'two periods' if several else 'a period'} and the latency, after which the next plan acts"
     if max_age is not None and not max_age > due:
         raise SolverError(
-            f"export: max_age is out of range - got {max_age:g} s, expected more than {due:g} s, a period and the "
-            "latency, after which the next plan acts; change it"
+            f"export: max_age is out of range - got {max_age:g} s, expected more than {due:g} s, {reason}; change it"
         )
-    untouched = RecedingHorizon(problem, **given)
-    plan = mpc.plan(problem.initial, 0.0)
+    untouched = make(problem, **given)
+    plan = mpc.plan(mpc.initial, 0.0)
     made = low(plan)
     tick = getattr(made, "compiled", None)
     if untouched.compiled is None or tick is None:
@@ -120,31 +123,31 @@ def export_controller(
         )
     layout = layout_of(mpc, made, plan)
     memory = ControllerMemory(untouched.compiled, tick)
-    window = untouched.horizon.layout.windows[0]
-    reach = np.inf if window is None else window * untouched.horizon.calendar.tick
+    reach = min(_reach(each.horizon) for each in memory.planners)
     oldest = min(reach, max(0.25, due + mpc.period)) if max_age is None else float(max_age)
     if not oldest > due:
         raise SolverError(
-            f"export: the horizon is too short - got {reach:g} s of the first model, expected more than {due:g} s, a "
-            "period and the latency, after which the next plan acts; lengthen it"
+            f"export: the horizon is too short - got {reach:g} s of the first model, expected more than {due:g} s, "
+            f"{reason}; lengthen it"
         )
     values = {
         "CONSTANTS": interface.constants(layout, max(mpc.iterations, mpc.first_iterations)),
         "COMMAND": interface.commands(layout), "COMMAND_CODE": interface.command_code(layout),
-        "NUM_ENTRIES": memory.planner.plan_entries, "NUM_NUMBERS": memory.planner.plan_numbers,
-        "NUM_PHASES": (memory.planner.plan_entries - HEADER) // PART,
-        "NUM_COMMANDS": len(memory.planner.tables.commands),
+        "NUM_ENTRIES": memory.plan_entries, "NUM_NUMBERS": memory.plan_numbers,
+        "NUM_PHASES": (memory.plan_entries - HEADER) // PART,
+        "NUM_COMMANDS": len(memory.code.commands),
         "PERIOD": repr(mpc.period), "LATENCY": repr(mpc.latency),
         "LOWER": interface.numbers(layout.lower), "UPPER": interface.numbers(layout.upper),
-        "DECLARED": interface.numbers(memory.planner.tables.commanded({})) or "0", "DAMPING": repr(float(made.damping)),
-        "INITIAL": interface.numbers(problem.initial), "PIAFFE": __version__, "NX": len(layout.state),
+        "DECLARED": interface.numbers(memory.code.commands) or "0", "DAMPING": repr(float(made.damping)),
+        "INITIAL": interface.numbers(mpc.initial), "PIAFFE": __version__, "NX": len(layout.state),
         "NU": len(layout.control),
-        "COMMANDS": ", ".join(f'"{each}": {1 << i}' for i, each in enumerate(layout.commands)),
-        "MEMORY_BYTES": memory.bytes, "WIDTH": memory.planner.width,
+        "COMMANDS": ", ".join(f'"{each}": {bit}' for each, bit in interface.command_bits(layout).items()),
+        "MEMORY_BYTES": memory.bytes, "WIDTH": memory.code.width,
         "RELAXED": list(QpStatus).index(QpStatus.RELAXED), "FUZZ_COMMANDS": interface.fuzz_commands(layout),
         **interface.outputs(layout), **interface.contacts(memory.measured), "ITERATIONS": mpc.iterations,
         "TIME_LIMIT": repr(float(mpc.options.time_limit_s or 0.0)),
-        "MAX_AGE": interface.numbers([oldest]),
+        "MAX_AGE": interface.numbers([oldest]), **header_values(layout, plan.phases[0].mode.model),
+        **planner_values(layout.motions, layout.motions.index(mpc.start) if isinstance(mpc, Motions) else 0),
     }  # fmt: skip
     made_files = memory.files()
     parts = [Part("solver", memory.solver), Part("horizon", memory.horizon), Part("tick", memory.tick, wide=False)]
@@ -164,7 +167,13 @@ def export_controller(
     written["LICENSE"] = LICENSE
     written["manifest.json"] = manifest(problem, layout, values, name, given, written)
     write_files(folder, written)
-    return Exported(folder, name, layout, mpc, made, memory.planner.plan_numbers)
+    return Exported(folder, name, layout, mpc, made, memory.plan_numbers)
+
+
+def _reach(horizon: Horizon) -> float:
+    """Return the duration of the first model's part of a horizon [s]."""
+    window = horizon.layout.windows[0]
+    return float("inf") if window is None else window * horizon.calendar.tick
 
 
 def _filled(path: str, values: Mapping[str, object], name: str) -> str:

@@ -28,12 +28,23 @@ def constants(layout: Layout, iterations: int) -> str:
 
 def commands(layout: Layout) -> str:
     """Return the structure of the commands as C."""
-    names = list(layout.commands)
-    bits = ", ".join(f"NAME_{name.upper()} = {1 << i}" for i, name in enumerate(names))
-    fields = "".join(f"    double {name};\n" for name in names)
-    enum = f"enum {{ {bits} }};\n" if names else ""
+    bits = ", ".join(f"NAME_{name.upper()} = {bit}" for name, bit in command_bits(layout).items())
+    fields = "".join(f"    double {name};\n" for name in layout.commands)
+    enum = f"enum {{ {bits} }};\n" if bits else ""
+    if layout.motions:
+        numbers = ", ".join(f"NAME_MOTION_{name.upper()}" for name in layout.motions)
+        enum += (
+            "/* The motions. The one that is asked for begins at the next boundary of phases where contacts allow. */\n"
+            f"enum {{ {numbers}, NAME_MOTIONS }};\n"
+        )
+        fields += "    int motion;\n"
     told = f"typedef struct {{\n    unsigned set;\n{fields}}} NAME_commands;"
     return f"/* Commands. Those whose bit is in `set` change. */\n{enum}{told}"
+
+
+def command_bits(layout: Layout) -> dict[str, int]:
+    """Return the bit of each command."""
+    return {name: 1 << i for i, name in enumerate([*layout.commands, *(["motion"] if layout.motions else [])])}
 
 
 def command_code(layout: Layout) -> str:
@@ -45,10 +56,18 @@ def command_code(layout: Layout) -> str:
             f"    if (commands->set & NAME_{name.upper()}) {{\n"
             f"        if (!isfinite(commands->{name})) return NAME_BAD_COMMAND;\n       {places}\n    }}\n"
         )
+    if layout.motions:
+        lines.append(
+            "    if (commands->set & NAME_MOTION) {\n"
+            "        if (commands->motion < 0 || commands->motion >= NAME_MOTIONS) return NAME_BAD_COMMAND;\n"
+            "        const double requests = floor(wanted[0] / NAME_MOTIONS) + 1.0; /* this one included */\n"
+            "        wanted[0] = requests * NAME_MOTIONS + commands->motion;\n"
+            "    }\n"
+        )
     return (
         "int NAME_command(NAME *c, const NAME_commands *commands)\n{\n"
         "    if (!c || !commands) return NAME_BAD_ARGUMENT;\n"
-        f"    if (commands->set & ~{(1 << len(layout.commands)) - 1}u) return NAME_BAD_COMMAND;\n"
+        f"    if (commands->set & ~{sum(command_bits(layout).values())}u) return NAME_BAD_COMMAND;\n"
         "    double wanted[NUM_COMMANDS + 1];\n    memcpy(wanted, c->wanted, sizeof wanted);\n"
         f"{''.join(lines)}"
         "    memcpy(c->wanted, wanted, sizeof wanted);\n"
@@ -62,7 +81,7 @@ def fuzz_commands(layout: Layout) -> str:
     return "".join(
         f"    commands.{name} = uniform(r) < 0.95 ? 4.0 * uniform(r) - 2.0 : uniform(r) < 0.5 ? NAN : 1e9;\n"
         for name in layout.commands
-    )
+    ) + ("    commands.motion = (int)(uniform(r) * (NAME_MOTIONS + 0.1));\n" if layout.motions else "")
 
 
 def outputs(layout: Layout) -> dict[str, str]:
@@ -70,7 +89,9 @@ def outputs(layout: Layout) -> dict[str, str]:
     declared, code, python, at = [], [], [], 0
     for path, unit, names in layout.recorded:
         field, size = path.replace(".", "_"), len(names)
-        declared.append(f"    double {field}[{size}]; /* {path} at these torques, world [{unit}]; 0 if damped */")
+        order = f" in the order {', '.join(names)};" if size <= 12 else ""
+        told = f"{path} at these torques, world [{unit}];{order} 0 if damped"
+        declared.append(f"    double {field}[{size}]; /* {told} */")
         code.append(f"    memcpy(out->{field}, did->recorded + {at}, sizeof out->{field});\n")
         python.append(f'("{field}", ct.c_double * {size}), ')
         at += size

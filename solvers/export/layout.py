@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from piaffe.errors import SolverError
 from piaffe.ocp import LoweredMode
 
-from ..receding import Plan, RecedingHorizon
+from ..receding import Motions, Plan, RecedingHorizon
 from ..tracking import LowLevel
 
 Array = NDArray[np.float64]
@@ -29,7 +29,8 @@ class Layout:
         lower: of the controls.
         upper: of the controls.
         commands: names of the commands, and their declared values.
-        places: per command, its places among the commands of all pieces.
+        places: per command, its places among the commands of all pieces and motions.
+        motions: names of several motions; empty for one.
     """
 
     state: tuple[tuple[str, str], ...]
@@ -41,9 +42,10 @@ class Layout:
     upper: Array
     commands: dict[str, float]
     places: dict[str, tuple[int, ...]]
+    motions: tuple[str, ...] = ()
 
 
-def layout_of(mpc: RecedingHorizon, low: LowLevel, plan: Plan) -> Layout:
+def layout_of(mpc: RecedingHorizon | Motions, low: LowLevel, plan: Plan) -> Layout:
     """Return the layout of a controller.
 
     Args:
@@ -77,13 +79,18 @@ def layout_of(mpc: RecedingHorizon, low: LowLevel, plan: Plan) -> Layout:
         for (quantity, size), labels in zip(mode.outputs, mode.output_labels, strict=True)
     )
     lower, upper = low.rows[mode].limits(phase.states[0], phase.p[0], phase.g_mask[0])
+    motions = mpc.names if isinstance(mpc, Motions) else ()
+    horizons = tuple(mpc.horizons.values()) if isinstance(mpc, Motions) else (mpc.horizon,)
     places: dict[str, list[int]] = {}
-    at = 0
-    for piece in mpc.horizon.courses.pieces:
-        for name in piece.functions.commands if piece.functions is not None else ():
-            places.setdefault(name, []).append(at)
-            at += 1
+    declared: dict[str, float] = {}
+    at = int(bool(motions))  # the motion that is asked for comes first
+    for horizon in horizons:
+        declared = {**horizon.commands, **declared}
+        for piece in horizon.courses.pieces:
+            for name in piece.functions.commands if piece.functions is not None else ():
+                places.setdefault(name, []).append(at)
+                at += 1
     return Layout(
-        state, labels, positions, speeds, recorded, lower, upper, dict(mpc.horizon.commands),
-        {name: tuple(own) for name, own in places.items()},
+        state, labels, positions, speeds, recorded, lower, upper, declared,
+        {name: tuple(own) for name, own in places.items()}, motions,
     )  # fmt: skip

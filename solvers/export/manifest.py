@@ -21,7 +21,7 @@ LICENSE = files(__package__).joinpath("template", "LICENSE").read_text(encoding=
 
 
 def manifest(
-    problem: Problem,
+    problem: Problem | Mapping[str, Problem],
     layout: Layout,
     values: Mapping[str, Any],
     name: str,
@@ -31,7 +31,7 @@ def manifest(
     """Return the text.
 
     Args:
-        problem: the declaration.
+        problem: the declaration, or several by name.
         layout: of the controller.
         values: what the templates name.
         name: of the controller.
@@ -40,7 +40,8 @@ def manifest(
     """
     told = {
         "name": name, "piaffe": __version__, "casadi": cs.CasadiMeta.version(), "python": platform.python_version(),
-        "declaration": _hash(str(problem)), "options": {key: str(value) for key, value in options.items()},
+        "declaration": _hash(str(problem)), "motions": list(layout.motions),
+        "options": {key: str(value) for key, value in options.items()},
         "period_s": float(values["PERIOD"]), "latency_s": float(values["LATENCY"]),
         "iterations": int(values["ITERATIONS"]), "time_limit_s": float(values["TIME_LIMIT"]),
         "plan_numbers": int(values["NUM_NUMBERS"]), "stack_bytes": 65536,

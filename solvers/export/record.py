@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..receding import HEADER, NUM_FIGURES, PART, Plan, RecedingHorizon, RecedingMemory
+from piaffe.ocp import LoweredMode
+
+from ..receding import HEADER, NUM_FIGURES, PART, Motions, MotionsTick, Plan, RecedingHorizon
 from ..tracking import LowLevel
 
 Array = NDArray[np.float64]
@@ -16,6 +20,7 @@ Array = NDArray[np.float64]
 MAGIC = b"PIAFFE-1"
 PLAN, TICK, END = 1, 2, 0
 _MEASURED, _SHIFT = 11, 14  # figures that are times of the machine lie between them
+_MOTION = 5  # of a plan's header
 _SEGMENT, _MODE, _STAGES, _LINK, _AT = 0, 3, 4, 6, 9  # of a part's header
 
 
@@ -28,12 +33,14 @@ class Recorder:
         plan_numbers: size of a plan of the exported controller.
     """
 
-    def __init__(self, mpc: RecedingHorizon, low: LowLevel, plan_numbers: int) -> None:
+    def __init__(self, mpc: RecedingHorizon | Motions, low: LowLevel, plan_numbers: int) -> None:
         assert mpc.compiled is not None  # it has been exported
-        self._mpc, self._low, self._plan_numbers = mpc, low, plan_numbers
-        self._stages = ceil((mpc.period + mpc.latency) / mpc.horizon.dt) + 1
+        self._mpc, self._low, self._plan_numbers, self._tick = mpc, low, plan_numbers, mpc.compiled
+        self._motions = self._tick.motions if isinstance(self._tick, MotionsTick) else None
+        self._planners = (self._tick.memory,) if self._motions is None else self._motions.planners
+        acts = mpc.period * (1 if self._motions is None else 2) + mpc.latency
+        self._stages = ceil(acts / min(each.horizon.dt for each in self._planners)) + 1
         """Stages that act or predict a state; of later ones, states and controls are recorded."""
-        self._memory: RecedingMemory = mpc.compiled.memory
         self.period, self.initial = mpc.period, mpc.initial
         self._parts: list[bytes] = []
         self.plans = self.ticks = 0
@@ -46,7 +53,7 @@ class Recorder:
         self._parts.clear()
         self.plans = self.ticks = 0
 
-    def command(self, **values: float) -> None:
+    def command(self, **values: Any) -> None:
         """Set commands."""
         self._mpc.command(**values)
 
@@ -54,9 +61,9 @@ class Recorder:
         """Return a plan, and record it."""
         before = self._planner()
         plan = self._mpc.plan(x, t)
-        told = self._memory.tables.commands
+        told = self._tick.commands
         memory = plan.parts.memory  # type: ignore[attr-defined]  # a tick in C has made it
-        header, ranges = self._lean(memory.header)
+        header, ranges = self._lean(memory.header, plan.modes)
         self._write(PLAN, np.array([t]), x, told, before, header)
         for first, place, count in ranges:
             self._write(place, count)
@@ -80,10 +87,10 @@ class Recorder:
 
     def file(self) -> bytes:
         """Return the record as a file for ``examples/main.c``."""
-        first, memory = self._mpc.horizon.models[0], self._memory
+        first, entries = self._planners[0].horizon.models[0], max(each.plan_entries for each in self._planners)
         sizes = (
-            first.state.nx, first.control.nx, len(memory.tables.commands), len(self._planner()), memory.plan_entries,
-            self._plan_numbers, memory.width, self.plans, self.ticks,
+            first.state.nx, first.control.nx, len(self._tick.commands), len(self._planner()), entries,
+            self._plan_numbers, self._planners[0].width, self.plans, self.ticks,
         )  # fmt: skip
         return b"".join([MAGIC, struct.pack(f"<{len(sizes)}q", *sizes), *self._parts, struct.pack("<q", END)])
 
@@ -95,22 +102,29 @@ class Recorder:
 
     def _planner(self) -> Array:
         """Return what a plan depends on beside the plan before; ``main.c`` has the same order."""
-        c = self._memory.c
-        course, clock = c.course, c.clock
-        return np.array([
-            c.has_plan, c.began, course.tick, course.place.entry, course.place.number, course.place.start,
-            *course.anchor, *course.moved, *course.frame, clock.shift, clock.base, clock.flight, clock.late,
-            c.last_equality, *self._memory.memory,
-        ], dtype=float)  # fmt: skip
+        m = None if self._motions is None else self._motions.c
+        values = [] if m is None else [
+            m.seen, m.active, m.home, m.request, m.next, m.entry, m.made, m.left, m.until
+        ]  # fmt: skip
+        for each in self._planners:
+            c, course, clock = each.c, each.c.course, each.c.clock
+            values += [
+                c.has_plan, c.began, course.tick, course.place.entry, course.place.number, course.place.start,
+                *course.anchor, *course.moved, *course.frame, clock.shift, clock.base, clock.flight, clock.late,
+                c.last_equality, *each.memory,
+            ]  # fmt: skip
+        return np.array(values, dtype=float)
 
-    def _lean(self, header: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[tuple[int, int, int]]]:
+    def _lean(
+        self, header: NDArray[np.int64], followed: Sequence[LoweredMode]
+    ) -> tuple[NDArray[np.int64], list[tuple[int, int, int]]]:
         """Return the header of a plan without what no low level reads, and what is recorded of its numbers.
 
         The latter are ranges: where they are, where they are in the plan without the rest, and how many numbers.
         """
         own, at = header.copy(), NUM_FIGURES
         ranges = [(0, 0, _MEASURED), (_SHIFT, _SHIFT, NUM_FIGURES - _SHIFT)]
-        memory = self._memory
+        memory = self._planners[int(header[_MOTION])]
         for i in range(int(header[0])):
             part = header[HEADER + i * PART : HEADER + (i + 1) * PART].tolist()
             mode, n = memory.modes[part[_MODE]], part[_STAGES]
@@ -122,9 +136,8 @@ class Recorder:
             rows = [n * stage[0]] * 2 + [n * stage[1]] * 2 + [ends[0]] * 2 + [ends[1]] * 2
             kept = rows if memory.c.adapt_below > 0 else [0] * len(rows)  # of an adapting barrier
             few = min(n, self._stages) if part[_SEGMENT] == 0 else 0
-            every = (
-                nu, nu * ndx, 0, nu, 0, nu * ndx, nu * nu, mode.layout.size, *stage,
-            )  # fmt: skip
+            read = (nu, 0, nu * ndx, nu * nu, mode.layout.size, *stage) if mode in followed else (0,) * 7
+            every = nu, nu * ndx, 0, *read
             sizes = [n + 1, (n + 1) * nx, n * nu, *(n * size for size in every), link, *kept]
             counts = [n + 1, (n + 1) * nx, n * nu, *(few * size for size in every), link, *kept]
             for j, (size, count) in enumerate(zip(sizes, counts, strict=True)):

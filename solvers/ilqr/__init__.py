@@ -12,7 +12,6 @@ from .native import TEMPLATES as TEMPLATES
 from .native import Backend as Backend
 from .native import Library as Library
 from .native import OptionsStruct as OptionsStruct
-from .native import RecordStruct as RecordStruct
 from .native import SolverMemory as SolverMemory
 from .native import constants_header as constants_header
 from .native import library_of as library_of

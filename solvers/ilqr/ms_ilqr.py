@@ -27,6 +27,7 @@ from .cause import with_cause
 from .iterate import Iterate, ProblemFunctions
 from .native import Backend, native_memory, run_native
 from .options import Options
+from .other_grid import fits, interpolated
 from .result import assemble
 from .rollout import move
 from .run import Run
@@ -44,6 +45,7 @@ class MSiLQR:
         options: tolerances and parameters.
         backend: ``"native"``: the solver in C, compiled once for the modes of the problem and cached; NumPy, with a
             warning, if no compiler works. ``"numpy"``: the readable reference. Both have the same iterates.
+        compiling: called while the problem compiles, with the number of compiled phases, of all phases, and a name.
         building: called while the native backend compiles, with the number of finished steps, the number of all steps,
             and the name of the last finished step.
 
@@ -62,6 +64,7 @@ class MSiLQR:
         options: Options | None = None,
         *,
         backend: Backend = "native",
+        compiling: Callable[[int, int, str], None] | None = None,
         building: Callable[[int, int, str], None] | None = None,
     ) -> None:
         if backend not in ("native", "numpy"):
@@ -74,11 +77,14 @@ class MSiLQR:
         require_derivatives(problem, type(self).__name__)
         self.options = options or Options()
         early = issue(early_warnings(problem)) if isinstance(problem, Problem) else []
-        self.problem = compile_problem(problem) if isinstance(problem, Problem) else problem
+        self.problem = compile_problem(problem, progress=compiling) if isinstance(problem, Problem) else problem
         self.warnings = early + issue(find_warnings(self.problem))
         self.functions = ProblemFunctions(self.problem)
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()
+
+    def __reduce__(self) -> tuple[object, ...]:  # another process makes its own memory
+        return _made, (type(self), self.problem, self.options, self.backend)
 
     @property
     def backend(self) -> Backend:
@@ -95,8 +101,9 @@ class MSiLQR:
         """Solve the problem.
 
         Args:
-            warm_start: a solution of a problem with the same phases and sizes; its states, controls and multipliers are
-                the first iterate. Without it, the first iterate is the path through the targets.
+            warm_start: a solution of the same phases; its states, controls and multipliers are the first iterate. If
+                it has other time steps or durations, states and controls are interpolated, phase by phase. Without
+                it, the first iterate is the path through the targets.
             shooting: which nodes are shooting nodes: True for all, False for none (single shooting: the first iterate
                 is a roll-out), or flags per phase, (N+1,).
             progress: called with the record of every iteration.
@@ -130,8 +137,7 @@ class MSiLQR:
         began: float,
     ) -> Solution:
         flags = self.flags(shooting)
-        from_earlier = None if warm_start is None else WarmStart.of(warm_start)
-        start = first_iterate(self.problem, from_earlier)
+        start, from_earlier = self._start(warm_start)
         if not all(f.all() for f in flags):
             zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
             start = move(self.functions, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
@@ -149,7 +155,14 @@ class MSiLQR:
 
     def start(self, warm_start: Solution | None) -> Iterate:
         """Return the states and controls of the first iterate."""
-        return first_iterate(self.problem, None if warm_start is None else WarmStart.of(warm_start))
+        return self._start(warm_start)[0]
+
+    def _start(self, warm_start: Solution | None) -> tuple[Iterate, WarmStart | None]:
+        """Return the first iterate, and what a solve takes up of a solution on the same grid."""
+        if warm_start is not None and not fits(self.problem, warm_start):
+            return interpolated(self.problem, warm_start), None
+        earlier = None if warm_start is None else WarmStart.of(warm_start)
+        return first_iterate(self.problem, earlier), earlier
 
     def flags(self, shooting: bool | Sequence[ArrayLike]) -> list[Flags]:
         """Return which nodes are shooting nodes, per phase (N+1,)."""
@@ -163,3 +176,7 @@ class MSiLQR:
                 f"{[(size,) for size in sizes]}; give one flag per node and phase"
             )
         return flags
+
+
+def _made(kind: type[MSiLQR], problem: CompiledProblem, options: Options, backend: Backend) -> MSiLQR:
+    return kind(problem, options, backend=backend)

@@ -94,16 +94,18 @@ def trajectory(functions: ProblemFunctions, iterate: Iterate, values: list[Phase
         if phase.mode.outputs:
             (stacked,) = functions.call(phase.mode.functions["outputs"], x[:-1], u, value.z, phase.p)
             outputs = _split(phase.mode.outputs, stacked)
+        labels = {of: each for (of, _), each in zip(phase.mode.outputs, phase.mode.output_labels, strict=True)}
         at_reset: dict[Quantity, Array] = {}
         if phase.transition is not None and phase.lands and phase.transition.outputs:
             of, z = phase.transition.functions["outputs"], value.z_reset[None]
             (stacked,) = functions.call(of, x[-1:], z, phase.p_transition[None])
             at_reset = {quantity: values[0] for quantity, values in _split(phase.transition.outputs, stacked).items()}
+            labels |= dict(zip(at_reset, phase.transition.output_labels, strict=True))
         parts.append(
             PhaseTrajectory(
                 name=phase.name, mode=phase.label, model=phase.mode.model.name, times=phase.times, states=x.copy(),
                 controls=u.copy(), outputs=outputs, state=phase.mode.state, control=phase.mode.model.control,
-                ends_phase=phase.ends_phase, reset_outputs=at_reset,
+                ends_phase=phase.ends_phase, reset_outputs=at_reset, output_labels=labels,
             )
         )  # fmt: skip
     return Trajectory(tuple(parts))

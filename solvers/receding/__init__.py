@@ -5,6 +5,8 @@ from .keeper import Keeper as Keeper
 from .loop import Loop as Loop
 from .loop_parts import ActingPlan as ActingPlan
 from .memory import RecedingMemory as RecedingMemory
+from .motions import Motions as Motions
+from .motions_tick import MotionsTick as MotionsTick
 from .native_tick import NativeTick as NativeTick
 from .plan import Plan as Plan
 from .plan import PlannedPhase as PlannedPhase

@@ -35,7 +35,7 @@ class Lease:
         planner, last = memory.planner, memory.planner.plan
         begins = -np.inf if last is None else last.measured_at + period
         memory.library.loop_init(memory.address, int(last is not None), begins)
-        if last is not None and last is not low.plan and planner.memory.c.has_plan:
+        if last is not None and last is not low.plan and planner.goes_on:
             memory.wait_with(last)
         if thread and (code := memory.library.loop_start(memory.address)):
             why = "this platform has no POSIX threads" if code == _NO_THREADS else "the system refuses one"
@@ -72,8 +72,8 @@ def _end(memory: LoopMemory, low: LowLevel, process: int) -> None:
         c.thread = None  # there is no such thread in this process
     memory.library.loop_stop(memory.address)
     memory.low.tick_by_itself()
-    planner.memory.tables.commands[:] = memory.told
-    planner.told = planner.memory.tables.commands
+    planner.commands[:] = memory.told
+    planner.told = planner.commands
     acting = c.plans.acting
     followed = planner.copy(memory.places[acting]) if c.taken else None
     if forked:

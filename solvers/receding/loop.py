@@ -163,7 +163,9 @@ class Loop:
             return None
         c, place = self._memory.c, self._memory.c.plans.acting
         header = self._memory.places[place].header
-        return ActingPlan(c.measured_at[place], c.seconds[place], int(header[3]), STATUS[header[2]])
+        return ActingPlan(
+            c.measured_at[place], c.seconds[place], int(header[3]), STATUS[header[2]], *self._planner.told_of(header)
+        )
 
     @property
     def plan(self) -> Plan | None:

@@ -58,16 +58,16 @@ class LoopMemory(Keeper):
     def __init__(self, planner: NativeTick, low: LowTick, period: float, latency: float) -> None:
         super().__init__()
         self.planner, self.low, self.library = planner, low, loop_library()
-        memory, tables = planner.memory, planner.memory.tables
-        self.places = tuple(memory.plan_memory() for _ in range(PLACES))
-        self.told = self.keep(np.zeros(len(tables.commands)))
+        commands, (make, address) = planner.commands, planner.maker
+        self.places = tuple(planner.plan_memory() for _ in range(PLACES))
+        self.told = self.keep(np.zeros(len(commands)))
         """The commands of the next plan, which the caller sets."""
         nx = planner.horizon.models[0].state.nx
         self.c = LoopStruct(
-            make=ct.cast(tables.library.receding_plan, _P), tick=low.function, planner=ct.addressof(memory.c),
+            make=ct.cast(make, _P), tick=low.function, planner=address,
             low=low.address, followed=low.followed, period=period, latency=latency, num_state=nx,
-            num_commands=len(tables.commands), commands=tables.commands.ctypes.data, told=self.told.ctypes.data,
-            asked_state=self.zeros(nx), asked_commands=self.zeros(len(tables.commands)),
+            num_commands=len(commands), commands=commands.ctypes.data, told=self.told.ctypes.data,
+            asked_state=self.zeros(nx), asked_commands=self.zeros(len(commands)),
         )  # fmt: skip
         self.c.memories[:] = [ct.addressof(place.c) for place in self.places]
         self.c.views[:] = [place.address for place in self.places]

@@ -10,7 +10,6 @@ from ..solution import Status
 from ..tracking import LowLevel
 from ..tracking import NativeTick as LowTick
 from .native_tick import NativeTick
-from .plan import followed_modes
 
 
 class ActingPlan(NamedTuple):
@@ -21,12 +20,16 @@ class ActingPlan(NamedTuple):
         seconds: time of the processor that it took [s].
         iterations: of its solve.
         status: why its solve ended.
+        motion: the motion that it plans, of several; empty for a planner of one.
+        request: the motion that is asked for, and has not begun; empty for none.
     """
 
     measured_at: float
     seconds: float
     iterations: int
     status: Status
+    motion: str = ""
+    request: str = ""
 
 
 def checked_parts(
@@ -44,7 +47,7 @@ def checked_parts(
             f"loop: the {what} is not compiled - got {got}, expected both with backend='native', and "
             "qp='own' for Vwbc; call plan(x, t), follow(plan) and control(x, t) one by one"
         )
-    if tick.modes != followed_modes(planner.horizon):
+    if tick.modes != planner.modes:
         raise SolverError(
             "loop: the low level is for other plans - got one with other modes, expected those of this receding "
             f"horizon; make it with {type(low).__name__}(mpc.plan(mpc.initial, 0.0))"

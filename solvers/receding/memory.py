@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from piaffe.codegen import aligned_zeros
 from piaffe.ocp import Horizon, LoweredMode, LoweredTransition
 
-from ..ilqr import OPTIONS, Library, Options, RecordStruct, structs_of
+from ..ilqr import OPTIONS, Options, structs_of
 from . import structs as s
+from .code import HorizonCode
 from .keeper import Keeper
-from .plan_memory import PlanMemory
+from .plan_memory import HEADER, PART, PlanMemory
 from .retiming import Retiming
 from .tables import HorizonMemory
 
@@ -34,6 +35,8 @@ class RecedingMemory(Keeper):
         iterations: of a plan.
         first_iterations: of the first plan.
         adapt_below: see :class:`Adapting`; 0 for a fixed barrier.
+        code: the libraries; by default those of this horizon alone.
+        number: of the horizon among those of the code.
 
     Attributes:
         starts: ticks at which a horizon may begin; later ones of a cycle need no more memory.
@@ -52,10 +55,13 @@ class RecedingMemory(Keeper):
         first_iterations: int,
         retiming: Retiming | None = None,
         adapt_below: float = 0.0,
+        code: HorizonCode | None = None,
+        number: int = 0,
     ) -> None:
         super().__init__()
-        self.horizon, self.tables = horizon, HorizonMemory(horizon)
-        self.modes, self.links, self.width = self.tables.modes, self.tables.links, self.tables.width
+        self.code = code = code or HorizonCode([horizon])
+        self.horizon, self.tables = horizon, HorizonMemory(horizon, code, number)
+        self.modes, self.links, self.width = self.tables.modes, self.tables.links, code.width
         self.c = s.Receding(
             horizon=ct.addressof(self.tables.c), latency=latency, iterations=iterations,
             first_iterations=first_iterations, adapt_below=adapt_below,
@@ -63,10 +69,10 @@ class RecedingMemory(Keeper):
         if retiming is not None:
             self.c.clock.limit, self.c.clock.gain = retiming.limit, retiming.gain
         self.c.clock.flight = -1
-        self._solver_memory(options, max(iterations, first_iterations))
+        self._solver_memory(options)
         self._work()
         self.measure()
-        self._plan = self.tables.library.receding_plan
+        self._plan = code.library.receding_plan
         self._plan.argtypes = (ct.c_void_p, ct.c_void_p, ct.c_double, ct.c_void_p)
         self._x = np.zeros(horizon.models[0].state.nx)
 
@@ -81,7 +87,7 @@ class RecedingMemory(Keeper):
 
     def view(self, plan: PlanMemory) -> None:
         """Let the view of a plan refer to its numbers."""
-        self.tables.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
+        self.code.library.receding_view(ct.byref(self.tables.c), ct.byref(plan.c))
 
     def reset(self) -> None:
         """Forget the last plan."""
@@ -89,7 +95,7 @@ class RecedingMemory(Keeper):
         clock = self.c.clock
         clock.shift, clock.base, clock.flight, clock.late = 0, 0, -1, 0.0
 
-    def _solver_memory(self, options: Options, records: int) -> None:
+    def _solver_memory(self, options: Options) -> None:
         c, kinds = self.c, structs_of(self.width)
         for name in OPTIONS:
             value = getattr(options, name)
@@ -97,31 +103,15 @@ class RecedingMemory(Keeper):
         problem = self.keep(kinds.Problem())
         self._initial = aligned_zeros(self.horizon.models[0].state.nx)
         problem.initial = self._initial.ctypes.data
-        self._history = self.keep((RecordStruct * records)())
-        problem.history = ct.cast(self._history, type(problem.history))
         every: list[LoweredMode | LoweredTransition] = [*self.modes, *self.links]
         most = max([1, *(sum(len(rows) for rows in each.rows.values()) for each in every)])
         problem.slope, problem.curvature = (self.zero_vectors(most, self.width) for _ in range(2))
         self.problem = problem
         c.problem = ct.addressof(problem)
-        scratch = self.keep((kinds.Block * len(every))())
-        for i, (block, lowered) in enumerate(zip(scratch, every, strict=True)):
-            rows = {kind: len(own) for kind, own in lowered.rows.items()}
-            name = f"mode{i}" if i < len(self.modes) else f"transition{i - len(self.modes)}"
-            factors = _factors(self.tables.solver, name)
-            counts = {
-                "p": lowered.layout.size, "z": lowered.nz, "factors": factors,
-                "residual": rows.get("stage_residual", rows.get("residual", 0)),
-                "g": rows.get("stage_g", rows.get("g", 0)), "h": rows.get("stage_h", rows.get("h", 0)),
-            }  # fmt: skip
-            for key, count in {**counts, "weight": counts["residual"]}.items():
-                setattr(block, key, self.zero_vectors(count, self.width))
-            block.count = 1
-        c.scratch = ct.addressof(scratch)
 
     def _work(self) -> None:
         """Allocate what functions read and write."""
-        c, functions = self.c, self.tables.functions
+        c = self.c
         pieces = self.horizon.courses.pieces
         own = [piece.functions for piece in pieces if piece.functions is not None]
         c.most_memory = max([1, *(of.num_memory for of in own)])
@@ -129,12 +119,6 @@ class RecedingMemory(Keeper):
         c.course.memory = self.memory.ctypes.data
         c.frames, c.memories = self.zeros(3 * len(pieces)), self.zeros(len(pieces) * c.most_memory)
         c.nows = self.keep(np.zeros(len(pieces), dtype=np.int64)).ctypes.data
-        most = max(
-            sum(f.numel_in(i) for i in range(f.n_in())) + sum(f.numel_out(i) for i in range(f.n_out()))
-            for f in functions.values()
-        )
-        c.lanes = self.zero_vectors(most, self.width)
-        c.work = self.zero_vectors(max(self.tables.work.values()), self.width)
         ends = max((of.num_sample for of in own), default=0) + max((of.num_start for of in own), default=0)
         layouts = [mode.layout for mode in self.modes] + [link.layout for link in self.links]
         c.rows = self.zeros(max(ends, *(layout.size for layout in layouts)))
@@ -157,24 +141,25 @@ class RecedingMemory(Keeper):
             for window, each in zip(horizon.layout.windows, calendar.steps, strict=True)
         )  # stages; a part has at least one, one node more than stages, and perhaps a middle for each
         self.num_spans = most
-        c.spans = ct.addressof(self.keep((s.Span * most)()))
-        c.nodes = ct.addressof(self.keep((s.Node * (3 * most))()))
-        c.firsts = self.ints(np.zeros(most))
-        c.samples = self.zeros(3 * most * horizon.targets.size)
+        spans, nodes, firsts = (s.Span * most)(), (s.Node * (3 * most))(), (ct.c_int * most)()
+        c.spans, c.nodes, c.firsts = (ct.addressof(each) for each in (spans, nodes, firsts))  # to measure
         size, numbers, entries = ct.c_size_t(), ct.c_long(), ct.c_long()
         needs = []
         end = last if calendar.cycle else last - step + 1
         self.starts = range(0, end, gcd(step, calendar.period))
         for k in self.starts:
-            self.tables.library.receding_sizes(
+            self.code.library.receding_sizes(
                 ct.byref(c), ct.c_long(k), ct.byref(size), ct.byref(numbers), ct.byref(entries)
             )
-            needs.append((size.value, numbers.value, entries.value))
-        self.arena_bytes, self.plan_numbers, self.plan_entries = (max(each) for each in zip(*needs, strict=True))
-        c.arena.base = self.keep(aligned_zeros(self.arena_bytes // 8 + 8)).ctypes.data
+            needs.append((size.value, numbers.value, entries.value, c.num_nodes))
+        self.arena_bytes, self.plan_numbers, self.plan_entries, num_nodes = (
+            max(each) for each in zip(*needs, strict=True)
+        )
+        num_parts = (self.plan_entries - HEADER) // PART
+        c.spans, c.nodes = self.array(s.Span, [s.Span()] * num_parts), self.array(s.Node, [s.Node()] * num_nodes)
+        c.firsts, c.samples = self.ints(np.zeros(num_parts)), self.zeros(num_nodes * horizon.targets.size)
+        self.work_in(aligned_zeros(self.arena_bytes // 8 + 8))
 
-
-def _factors(library: Library, name: str) -> int:
-    """Return the number of factors of a mode or transition, from the sizes at the beginning of its table."""
-    sizes = (ct.c_int * 6).in_dll(library.loaded, f"{name}_table")
-    return int(sizes[4] if name.startswith("mode") else sizes[5])
+    def work_in(self, arena: Array) -> None:
+        """Let the solver work in other memory, of ``arena_bytes`` or more; nothing there is kept after a tick."""
+        self._arena, self.c.arena.base = arena, arena.ctypes.data

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes as ct
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -34,13 +35,42 @@ class NativeTick:
         self.memory, self.horizon, self.pool = memory, memory.horizon, PlanPool()
         self.plan: Plan | None = None
         self._in_c: tuple[PlanMemory, ...] = ()  # memory that C refers to: that of the last plan, which it reads
-        self.told = memory.tables.commands
+        self.commands = memory.code.commands
+        """What C reads."""
+        self.told = self.commands
         """Where :meth:`tell` writes; while a loop makes the plans, the loop's memory."""
+
+    # ---- what a loop needs
+
+    @property
+    def modes(self) -> tuple[LoweredMode, ...]:
+        """The modes that low levels follow."""
+        return self.memory.code.followed
+
+    @property
+    def maker(self) -> tuple[Any, int]:
+        """The function in C that makes a plan, and the address of what it works on."""
+        return self.memory.code.library.receding_plan, ct.addressof(self.memory.c)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the next plan starts from the last one."""
+        return bool(self.memory.c.has_plan)
+
+    def plan_memory(self) -> PlanMemory:
+        """Return memory for a plan."""
+        return self.memory.plan_memory()
+
+    def told_of(self, header: NDArray[np.int64]) -> tuple[str, str]:
+        """Return the motion of a plan and the one that is asked for, by its header; empty for a planner of one."""
+        return "", ""
+
+    # ---- commands and plans
 
     @property
     def is_lent(self) -> bool:
         """Whether a loop makes the plans."""
-        return self.told is not self.memory.tables.commands
+        return self.told is not self.commands
 
     def tell(self, commands: Mapping[str, float]) -> None:
         """Set the commands of the next plan."""
@@ -56,12 +86,20 @@ class NativeTick:
         self.tell(commands)
         own = self._room()
         before, self._in_c = self._in_c, (*self._in_c, own)  # before the call, after which Ctrl-C may interrupt
-        if self.memory.plan(x, t, own) not in (0, NOT_FINITE_PLAN):
+        if self._made(x, t, own) not in (0, NOT_FINITE_PLAN):
             self._in_c = before
             self.pool.give(own)
             raise self.horizon.outside(t)  # a state that is not finite has been refused before
         self.plan, self._in_c = self._read(own), (own,)
         return self.plan
+
+    def _made(self, x: Array, t: float, own: PlanMemory) -> int:
+        """Write a plan, and return the code of C."""
+        return self.memory.plan(x, t, own)
+
+    def _of(self, own: PlanMemory) -> RecedingMemory:
+        """Return the memory of the planner that has made a plan."""
+        return self.memory
 
     @property
     def last_start(self) -> float | None:
@@ -84,12 +122,13 @@ class NativeTick:
 
     def copy_into(self, own: PlanMemory, plan: Plan) -> None:
         """Write a plan of this tick into another memory."""
-        self._fill(own, _memory_of(plan))
+        self._fill(own, memory_of(plan))
 
     def go_on_from(self, plan: Plan) -> None:
         """Let the next tick start from a plan of this tick."""
-        self.plan, self._in_c = plan, (_memory_of(plan),)
-        self.memory.c.last = _memory_of(plan).c
+        own = memory_of(plan)
+        self.plan, self._in_c = plan, (own,)
+        self._of(own).c.last = own.c
 
     def reset(self) -> None:
         """Forget the last plan.
@@ -102,20 +141,21 @@ class NativeTick:
         self.plan, self._in_c = None, ()
 
     def _room(self) -> PlanMemory:
-        return self.pool.take() or self.memory.plan_memory()
+        return self.pool.take() or self.plan_memory()
 
     def _fill(self, own: PlanMemory, of: PlanMemory) -> None:
         own.header[:], own.numbers[:] = of.header, of.numbers
-        self.memory.view(own)
+        self._of(own).view(own)
 
-    def _read(self, own: PlanMemory) -> Plan:
+    def _read(self, own: PlanMemory, **more: Any) -> Plan:
         header, figures = own.header, own.numbers[:NUM_FIGURES].tolist()
+        of = self._of(own)
         plan = Plan(
-            horizon=self.horizon, parts=_Parts(self.memory, own), anchor=tuple(figures[0:3]),
+            horizon=of.horizon, parts=_Parts(of, own), anchor=tuple(figures[0:3]),
             moved=tuple(figures[3:6]), status=STATUS[header[2]], iterations=int(header[3]), has_policy=bool(header[4]),
             cost=figures[6], max_defect=figures[7], max_equality=figures[8], max_inequality=figures[9],
             seconds=dict(zip(_TICKS, figures[11:14], strict=True)), measured_at=figures[10], shift=figures[14],
-            barrier_weight=figures[15],
+            barrier_weight=figures[15], **more,
         )  # fmt: skip
         self.pool.follow(plan.parts, own)
         return plan
@@ -175,6 +215,7 @@ class _Parts(Sequence[PlannedPhase]):
         return {name: self.memory.view(first, shape) for name, first, shape in zip(_ROWS, at, shapes, strict=True)}
 
 
-def _memory_of(plan: Plan) -> PlanMemory:
+def memory_of(plan: Plan) -> PlanMemory:
+    """Return the memory of a plan that a tick in C has made."""
     assert isinstance(plan.parts, _Parts)  # a tick in C has made it
     return plan.parts.memory

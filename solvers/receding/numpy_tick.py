@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
-from piaffe.ocp import SAME_TIME, CompiledProblem, Course, Horizon, is_same_time
+from piaffe.ocp import ORIGIN, SAME_TIME, CompiledProblem, Course, Horizon, composed, is_same_time, relative
 
 from ..ilqr import Iterate, Options, Outer, ProblemFunctions, Run, Sweep, adapt_for_next, move, sweeps_of
 from ..solution import Status
@@ -66,21 +66,43 @@ class NumpyTick:
 
         A state that is not finite then is far from the plan: this one is forgotten, and the state is held.
         """
+        state = self.later(x, t, start)
+        if state is None:
+            self.plan = self.course = None
+            return x
+        return state
+
+    def later(self, x: Array, t: float, until: float) -> Array | None:
+        """Return the state (nx,) at a later time [s] under the last plan, as :meth:`predicted`; None if not finite."""
         last, course = self.plan, self.course
-        if last is None or course is None or start <= t + SAME_TIME:
+        if last is None or course is None or until <= t + SAME_TIME:
             return x
         tick, state = self.horizon.calendar.tick, last.local(x)
         k = round(t / tick) - self.clock.shift
         if k >= course.tick and is_same_time((k + self.clock.shift) * tick, t):
             state = self._arrived(course, state, k)
-        state = last.world(predicted(last, state, t, start))
-        if np.isfinite(state).all():
-            return state
-        self.plan = self.course = None
-        return x
+        state = last.world(predicted(last, state, t, until))
+        return state if np.isfinite(state).all() else None
 
-    def __call__(self, x: Array, t: float, measured_at: float, iterations: int, commands: Mapping[str, float]) -> Plan:
-        """Return the plan that begins at time t [s] with a state in the world (nx,)."""
+    def __call__(
+        self,
+        x: Array,
+        t: float,
+        measured_at: float,
+        iterations: int,
+        commands: Mapping[str, float],
+        anew: bool = False,
+    ) -> Plan:
+        """Return the plan that begins at time t [s] with a state in the world (nx,).
+
+        Args:
+            x: the state.
+            t: the time.
+            measured_at: time of the measured state [s].
+            iterations: of the solve.
+            commands: commanded values that differ from the declared ones.
+            anew: whether the motion begins at the robot, and the last plan is but a guess.
+        """
         horizon, last = self.horizon, self.plan
         began = time.perf_counter()
         before, earlier = self.course, copy(self.clock)
@@ -89,10 +111,15 @@ class NumpyTick:
         shift, same = self.clock.seconds, self.clock.shift == earlier.shift
         t -= shift
         try:
-            course = horizon.begin(x, t, commands) if before is None else horizon.advance(before, x, t, commands)
+            if before is None or anew:
+                course = horizon.begin(x, t, commands)
+            else:
+                course = horizon.advance(before, x, t, commands)
         except ProblemError:
             self.clock = earlier  # no plan, so its state has not moved the clock
             raise
+        if before is not None and anew:
+            course = replace(course, moved=composed(relative(ORIGIN, course.anchor), before.anchor))
         start = self._arrived(course, horizon.local(course, x), course.tick)
         problem = horizon.at(course, start)
         numbers = time.perf_counter()

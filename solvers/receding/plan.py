@@ -89,6 +89,9 @@ class Plan:
         measured_at: time of the measured state [s]; the plan begins at the first grid time at which it is ready.
         shift: time by which the motion is later than declared [s], see :class:`Retiming`; times of nodes contain it.
         barrier_weight: weight ε of the barrier with which the next plan begins.
+        motion: the motion that it plans, of several, see :class:`Motions`; empty for a planner of one.
+        request: the motion that is asked for, and has not begun; empty for none.
+        every_mode: modes that low levels follow, of all motions; empty for those of the horizon.
     """
 
     horizon: Horizon
@@ -106,6 +109,9 @@ class Plan:
     measured_at: float
     shift: float = 0.0
     barrier_weight: float = 0.0
+    motion: str = ""
+    request: str = ""
+    every_mode: tuple[LoweredMode, ...] = ()
 
     @property
     def address(self) -> int | None:
@@ -114,8 +120,8 @@ class Plan:
 
     @property
     def modes(self) -> tuple[LoweredMode, ...]:
-        """The modes that low levels follow, in this plan or another of the same horizon."""
-        return followed_modes(self.horizon)
+        """The modes that low levels follow, in this plan or another of the same planner."""
+        return self.every_mode or followed_modes(self.horizon)
 
     def local(self, x: ArrayLike) -> Array:
         """Return a state in the world (nx,) in the frame of the plan."""

@@ -16,7 +16,7 @@ from . import structs as s
 
 Array = NDArray[np.float64]
 
-HEADER, PART, NUM_FIGURES = 5, 31, 16
+HEADER, PART, NUM_FIGURES = 7, 31, 16
 """Entries of a plan's header, entries per part, and figures; as in ``receding.h``."""
 
 

@@ -14,6 +14,7 @@ from ..tracking import PLAN_HEADER
 
 _FILES = (
     "receding.h",
+    "motions.h",
     "calendar.inc",
     "course.inc",
     "layout.inc",
@@ -22,6 +23,7 @@ _FILES = (
     "rows.inc",
     "predict.inc",
     "clock.inc",
+    "motions.inc",
 )
 
 

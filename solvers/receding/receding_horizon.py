@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import SAME_TIME, Horizon, Problem
+from piaffe.ocp import SAME_TIME, Horizon, Problem, early_warnings, find_warnings
 
-from ..ilqr import Backend, Fixed, Options
+from ..ilqr import Backend, Fixed, Options, issue
 from ..tracking import LowLevel
 from .adapting import Adapting
 from .loop import Loop, time_goes_back
@@ -44,6 +46,9 @@ class RecedingHorizon:
         first_iterations: iterations of the first plan, which has no limit of time.
         backend: ``"native"``: a tick is one function in C; ``"numpy"`` is the readable reference.
 
+    Likely mistakes of the problem, and of its horizon at the motion's start, are issued as ``PiaffeWarning``;
+    ``warnings`` has the same as values.
+
     Raises:
         SolverError: an argument is out of range.
         ProblemError: the problem does not compile, or its time steps and phases do not fit.
@@ -65,14 +70,16 @@ class RecedingHorizon:
         backend: Backend = "native",
     ) -> None:
         _check(iterations, first_iterations, budget_s, backend)
+        early = issue(early_warnings(problem))
         self.horizon = horizon = Horizon(problem)
+        self.warnings = early + issue(find_warnings(horizon.first))
         steps = round(period / horizon.dt) if np.isfinite(period) else 0
         if steps < 1 or abs(steps * horizon.dt - period) > SAME_TIME:
             raise SolverError(
                 f"receding horizon: period is out of range - got {period:g} s, expected a multiple of the first "
                 f"model's time step {horizon.dt:g} s; change one"
             )
-        _check_latency(latency, period)
+        check_latency(latency, period)
         self.period, self.iterations, self.latency = period, iterations, latency
         self.first_iterations, self.backend = first_iterations, backend
         given = (barrier or Fixed(0.05, 0.1)).options(options or Options(penalty=1000.0))
@@ -99,6 +106,12 @@ class RecedingHorizon:
         return self.problem.initial
 
     @property
+    def readable(self) -> NumpyTick:
+        """The tick in NumPy; only with this backend."""
+        assert self._numpy is not None  # the other backend
+        return self._numpy
+
+    @property
     def compiled(self) -> NativeTick | None:
         """The tick in C; None for the readable reference."""
         return self._native
@@ -123,9 +136,18 @@ class RecedingHorizon:
             UnknownNameError: the motion has no such command.
             ProblemError: a value is not finite.
         """
-        self._commands |= self.horizon.checked_commands(values)
+        self._commands |= self.checked_commands(values)
         if self._native is not None:
             self._native.tell(self._commands)
+
+    def checked_commands(self, values: Mapping[str, Any]) -> dict[str, float]:
+        """Return commands as numbers.
+
+        Raises:
+            UnknownNameError: the motion has no such command.
+            ProblemError: a value is not finite.
+        """
+        return self.horizon.checked_commands(values)
 
     def velocity(self, t: float) -> Array:
         """Return the commanded velocity ahead, to the left [m/s], and yaw rate [rad/s], (3,)."""
@@ -165,20 +187,20 @@ class RecedingHorizon:
                 latency is zero, so that there is no time for plans in a thread, or more than the period.
         """
         if latency is not None:
-            _check_latency(latency, self.period)
+            check_latency(latency, self.period)
         return Loop(self._native, low, self.period, max(self.latency, latency or 0.0), thread=thread)
 
     def _planned(self, state: Array, t: float) -> Plan:
         if self._native is not None:
             return self._native(state, t, self._commands)
-        assert self._numpy is not None  # the other backend
         start = ceil((t + self.latency - SAME_TIME) / self.horizon.dt) * self.horizon.dt
-        state = self._numpy.predicted(state, t, start)
-        iterations = self.iterations if self._numpy.began else self.first_iterations
-        return self._numpy(state, start, t, iterations, self._commands)
+        state = self.readable.predicted(state, t, start)
+        iterations = self.iterations if self.readable.began else self.first_iterations
+        return self.readable(state, start, t, iterations, self._commands)
 
 
-def _check_latency(latency: float, period: float) -> None:
+def check_latency(latency: float, period: float) -> None:
+    """Raise SolverError unless a latency is at most the period [s]."""
     if not 0 <= latency <= period + SAME_TIME:
         raise SolverError(
             f"receding horizon: latency is out of range - got {latency:g} s, expected 0 to the period, "

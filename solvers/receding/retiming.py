@@ -62,7 +62,11 @@ class Clock:
 
     def reset(self) -> None:
         """Set the clock to the schedule."""
-        self.shift, self._flight, self._base, self._late = 0, -1, 0, 0.0
+        self.begin(0)
+
+    def begin(self, shift: int) -> None:
+        """Let the motion be later than scheduled by so many ticks."""
+        self.shift, self._flight, self._base, self._late = shift, -1, shift, 0.0
 
     @property
     def seconds(self) -> float:

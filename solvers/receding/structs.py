@@ -70,7 +70,7 @@ class HorizonTables(ct.Structure):
         (ct.c_int, "num_entries cycle num_pieces num_segments num_targets num_modes num_transitions"),
         (_P, "entries segments pieces spaces samples frames initial modes transitions mode_tables transition_tables"),
         (_P, "moved_sample pose solve policy adapt"),
-        (ct.c_int, "lean"),
+        (ct.c_int, "lean num_lanes num_work"),
         (_P, "clock followed"),
     )
 
@@ -129,5 +129,23 @@ class Receding(ct.Structure):
         ("arena", Arena),
         *fields((_P, "problem spans nodes firsts"), (ct.c_int, "num_nodes")),
         *fields((_P, "samples frames memories nows"), (ct.c_int, "most_memory")),
-        *fields((_P, "scratch rows x lanes work")),
+        *fields((_P, "single rows x lanes work")),
+    ]  # fmt: skip
+
+
+class Motion(ct.Structure):
+    """See ``motions.h``."""
+
+    _fields_ = fields((_P, "planner"), (ct.c_int, "after"), (_P, "entries"))
+
+
+class Motions(ct.Structure):
+    """See ``motions.h``."""
+
+    _fields_ = [
+        *fields((_P, "motions"), (ct.c_int, "num preparations"), (ct.c_double, "period"), (_P, "wanted")),
+        ("ahead", Plan),
+        *fields(
+            (ct.c_double, "seen"), (ct.c_int, "active home request next entry made left"), (ct.c_double, "until")
+        ),
     ]  # fmt: skip

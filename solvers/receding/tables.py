@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import TIME_STEP, Horizon, LoweredMode, LoweredTransition
 
-from ..ilqr import library_of, sizes_header
 from . import structs as s
-from .functions import generated_functions, spaces
+from .code import HorizonCode, commanded
+from .functions import spaces
 from .keeper import Keeper
-from .plan import followed_modes
-from .program import receding_library
 
 Array = NDArray[np.float64]
 
@@ -26,37 +24,34 @@ class HorizonMemory(Keeper):
 
     Args:
         horizon: the problem at any time.
+        code: the libraries, which several horizons may share.
+        number: of the horizon among those of the code.
 
     Attributes:
         modes, links: the modes and transitions, in the order of their numbers.
-        solver, library: the libraries of the solver and of the receding horizon; width: doubles per vector of both.
-        functions: the generated functions, by name. work: the size of the work array of each.
-        commands: the commands that the functions of all pieces read.
+        code: the libraries. commands: the commands that the functions of all pieces read.
         c: the structure.
     """
 
-    def __init__(self, horizon: Horizon) -> None:
+    def __init__(self, horizon: Horizon, code: HorizonCode, number: int = 0) -> None:
         super().__init__()
-        self.horizon, tables = horizon, horizon.tables
+        self.horizon, self.code, tables = horizon, code, horizon.tables
         self.modes = tuple(each.lowered for each in tables.modes if isinstance(each.lowered, LoweredMode))
         self.links = tuple(each.lowered for each in tables.transitions if isinstance(each.lowered, LoweredTransition))
-        self.solver, _ = library_of(self.modes, self.links)
-        self.width = self.solver.built.width
-        self.functions = generated_functions(horizon)
-        self.library, self.work = receding_library(tuple(self.functions.items()), self.width, sizes_header(self.modes))
-        self.commands: Array = self.keep(self.commanded({}))
+        first = code.firsts[number]
+        self.commands: Array = code.commands[first : first + len(self.commanded({}))]
+        self._names = code.names[number]
         self.c = self._tables()
 
     def commanded(self, commands: Mapping[str, float]) -> Array:
         """Return the commands of all pieces, one piece after another: values by name, else the declared ones."""
-        pieces = (each for each in self.horizon.courses.pieces if each.functions is not None)
-        return np.concatenate([np.zeros(0), *(piece.commanded(commands) for piece in pieces)])
+        return commanded(self.horizon, commands)
 
     def _address(self, name: str) -> int | None:
         """Return the address of a generated function; None if there is no such function."""
-        if name not in self.functions:
+        if name not in self._names:
             return None
-        return ct.cast(getattr(self.library, name), ct.c_void_p).value
+        return ct.cast(getattr(self.code.library, self._names[name]), ct.c_void_p).value
 
     def _copies(self, copies: Any) -> s.Copies:
         return s.Copies(len(copies.to), self.ints(copies.to), self.ints(copies.of))
@@ -64,7 +59,7 @@ class HorizonMemory(Keeper):
     def _tables(self) -> s.HorizonTables:
         horizon = self.horizon
         calendar, tables = horizon.calendar, horizon.tables
-        own, own_modes = spaces(horizon), followed_modes(horizon)
+        own, code = spaces(horizon), self.code
         segments = []
         for i, (segment, table) in enumerate(zip(horizon.problem.schedule.segments, tables.segments, strict=True)):
             window = horizon.layout.windows[i]
@@ -81,16 +76,16 @@ class HorizonMemory(Keeper):
                 calendar.entries, calendar.following, horizon.falls.heights, strict=True
             )
         ]
-        samples = np.concatenate(horizon.courses.tables)
+        samples = self._samples()
         frames = [
             horizon.models[0].planar_frame(horizon.targets.unpack(row))
             for row in samples
         ]  # fmt: skip
         modes = [self._store(i, store, "mode") for i, store in enumerate(tables.modes)]
         links = [self._store(i, store, "transition") for i, store in enumerate(tables.transitions)]
-        of_modes = [self._table(f"mode{i}_table") for i in range(len(modes))]
-        of_links = [self._table(f"transition{i}_table") for i in range(len(links))]
-        solver = self.solver.loaded
+        of_modes = [self._table(f"mode{code.modes.index(each)}_table") for each in self.modes]
+        of_links = [self._table(f"transition{code.links.index(each)}_table") for each in self.links]
+        solver = code.solver.loaded
         return s.HorizonTables(
             tick=calendar.tick, total=-1 if np.isinf(calendar.total) else int(calendar.total),
             period=calendar.period, num_entries=len(entries), cycle=calendar.cycle,
@@ -109,11 +104,22 @@ class HorizonMemory(Keeper):
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
             clock=ct.cast(solver.piaffe_now, ct.c_void_p),
             adapt=ct.cast(solver.piaffe_adapt, ct.c_void_p),
-            followed=self.ints([own_modes.index(mode) if mode in own_modes else -1 for mode in self.modes]),
+            num_lanes=max(
+                sum(f.numel_in(i) for i in range(f.n_in())) + sum(f.numel_out(i) for i in range(f.n_out()))
+                for f in code.functions.values()
+            ),
+            num_work=max(code.work.values()),
+            followed=self.ints([code.followed.index(mode) if mode in code.followed else -1 for mode in self.modes]),
         )  # fmt: skip
 
+    def _samples(self) -> Array:
+        """Return the samples at the ticks of all entries up to the last one that reads them, (rows, num_targets)."""
+        courses, entries = self.horizon.courses, self.horizon.calendar.entries
+        read = [i for i, entry in enumerate(entries) if courses.pieces[entry.placed.piece].functions is None]
+        return np.concatenate([np.zeros((0, self.horizon.targets.size)), *courses.tables[: max(read, default=-1) + 1]])
+
     def _table(self, name: str) -> int:
-        return ct.addressof(ct.c_char.in_dll(self.solver.loaded, name))
+        return ct.addressof(ct.c_char.in_dll(self.code.solver.loaded, name))
 
     def _store(self, i: int, store: Any, kind: str) -> s.Store:
         copies = self.array(s.Copies, [self._copies(each) for each in store.copies])

@@ -67,6 +67,7 @@ def write(solution: Mapping[str, Any], path: Path) -> Path:
             "state": _space(part.state), "control": _space(part.control),
             "outputs": [asdict(quantity) for quantity in part.outputs], "multipliers": list(policy.multipliers),
             "reset_outputs": [asdict(quantity) for quantity in part.reset_outputs],
+            "output_labels": {of.path: list(labels) for of, labels in part.output_labels.items()},
         })  # fmt: skip
     names = [field.name for field in fields(Record)]
     arrays["history"] = np.array([[getattr(r, n) for n in names] for r in solution["history"]]).reshape(-1, len(names))
@@ -149,12 +150,14 @@ def _assemble(header: dict[str, Any], data: dict[str, Array]) -> dict[str, Any]:
         outputs = {Quantity(**q): data[f"{i}/outputs/{j}"] for j, q in enumerate(phase["outputs"])}
         at_reset = phase.get("reset_outputs", [])  # not in the files of earlier releases
         reset_outputs = {Quantity(**q): data[f"{i}/reset_outputs/{j}"] for j, q in enumerate(at_reset)}
+        labels = phase.get("output_labels", {})  # nor are these
+        output_labels = {of: tuple(labels[of.path]) for of in (*outputs, *reset_outputs) if of.path in labels}
         parts.append(
             PhaseTrajectory(
                 name=phase["name"], mode=phase["mode"], model=phase["model"], times=data[f"{i}/times"],
                 states=data[f"{i}/states"], controls=data[f"{i}/controls"], outputs=outputs,
                 state=_read_space(phase["state"]), control=_read_space(phase["control"]),
-                ends_phase=phase["ends_phase"], reset_outputs=reset_outputs,
+                ends_phase=phase["ends_phase"], reset_outputs=reset_outputs, output_labels=output_labels,
             )
         )  # fmt: skip
         multipliers = {name: data[f"{i}/multipliers/{name}"] for name in phase["multipliers"]}

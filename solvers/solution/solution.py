@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SolverError
+from piaffe.html import html_curve, html_table
 from piaffe.ocp import Policy, Trajectory, Violation
 
 from . import file
@@ -23,7 +24,7 @@ from .status import Status
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """The result of a solve.
 
@@ -137,6 +138,30 @@ class Solution:
     def load(path: str | Path) -> Solution:
         """Read a solution; raise FileFormatError for a truncated, foreign or newer file."""
         return Solution(**file.read(Path(path)))
+
+    def to_csv(self, path: str | Path) -> Path:
+        """Write the trajectory as CSV; see :meth:`piaffe.ocp.Trajectory.to_csv`."""
+        return self.trajectory.to_csv(path)
+
+    def to_mcap(self, path: str | Path) -> Path:
+        """Write the trajectory as an MCAP log; see :meth:`piaffe.ocp.Trajectory.to_mcap`."""
+        return self.trajectory.to_mcap(path)
+
+    def to_pandas(self) -> Any:
+        """Return the trajectory as a table of pandas; see :meth:`piaffe.ocp.Trajectory.to_pandas`."""
+        return self.trajectory.to_pandas()
+
+    def __repr__(self) -> str:
+        return (
+            f"Solution({self.status.name}, {self.iterations} iterations, {self.wall_s:.3g} s, cost {self.cost:.6g}; "
+            f"defect {self.max_defect:.1e}, equality {self.max_equality:.1e}, inequality {self.max_inequality:.1e})"
+        )
+
+    def _repr_html_(self) -> str:
+        terms = sorted(self.term_costs.items(), key=lambda item: -item[1])
+        curves = html_curve("cost", [record.cost for record in self.history])
+        curves += html_curve("largest defect", [record.max_defect for record in self.history])
+        return html_table(repr(self), ("term", "cost"), [(name, f"{value:.6g}") for name, value in terms], curves)
 
     def __str__(self) -> str:
         head = (

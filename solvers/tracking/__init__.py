@@ -6,6 +6,7 @@ from .contacts import MeasuredContacts as MeasuredContacts
 from .gains import JointPD as JointPD
 from .low_level import LowLevel as LowLevel
 from .memory import NativeTick as NativeTick
+from .plan import CONTACT as CONTACT
 from .plan import PlanPhase as PlanPhase
 from .plan import PlanStage as PlanStage
 from .plan import StagedPlan as StagedPlan

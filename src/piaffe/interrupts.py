@@ -40,9 +40,9 @@ def interruptible() -> Iterator[None]:
             _State.pending = error
             raise
 
-    signal.signal(signal.SIGINT, heard)
     _State.guarded, _State.pending = True, None
     try:
+        signal.signal(signal.SIGINT, heard)
         try:
             yield
         except BaseException as error:
@@ -73,7 +73,7 @@ def deferred() -> Iterator[None]:
     signal.signal(signal.SIGINT, lambda number, frame: frames.append(frame))
     try:
         yield
-    finally:
+    finally:  # an error of the step does not replace the interrupt
         signal.signal(signal.SIGINT, previous)
-    if frames:
-        previous(signal.SIGINT, frames[0])
+        if frames:
+            previous(signal.SIGINT, frames[0])

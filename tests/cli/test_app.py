@@ -10,8 +10,12 @@ import pytest
 
 from piaffe import __version__
 from piaffe.cli.app import main
+from piaffe.solvers import Solution
 
-COMMANDS = ("describe", "solve", "plot", "verify", "video", "view", "check", "doctor", "cache", "mppi", "study")
+COMMANDS = (
+    "new", "describe", "solve", "plot", "verify", "video", "view", "pose", "check", "doctor", "cache", "mpc", "mppi",
+    "study", "export",
+)  # fmt: skip
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -184,6 +188,46 @@ def test_solve_begins_from_a_saved_solution(capsys: pytest.CaptureFixture[str], 
     assert json.loads(out)["iterations"] <= 2
 
 
+def test_solve_saves_under_the_name_of_the_file(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, folder: Path
+) -> None:
+    code, out, _ = run(capsys, "solve", ball_file)
+    assert (code, out.splitlines()[-1]) == (0, "saved results/ball.npz")
+    run(capsys, "solve", f"{ball_file}:made", "--json")
+    assert sorted(path.name for path in folder.glob("results/*")) == ["ball-made.npz", "ball.npz"]
+    assert Solution.load(folder / "results" / "ball.npz").converged
+    run(capsys, "solve", f"{ball_file}:kink", "--no-save", "--max-iterations", 1)
+    assert len(list(folder.glob("results/*"))) == 2
+
+
+def test_solve_warns_if_the_default_is_no_place_and_solves(
+    capsys: pytest.CaptureFixture[str], ball_file: Path, folder: Path
+) -> None:
+    (folder / "results").write_text("a file where the folder would be")
+    code, out, err = run(capsys, "solve", ball_file)
+    assert code == 0
+    assert "CONVERGED" in out
+    assert err.startswith("warning: the solution is not saved: ")
+    assert "results" in err
+    code, out, err = run(capsys, "solve", ball_file, "--save", folder / "results" / "ball.npz")
+    assert code == 2  # a place that was asked for is an error, before the solve
+    assert "iteration" not in out
+
+
+def test_solve_draws_what_it_solved(capsys: pytest.CaptureFixture[str], ball_file: Path, folder: Path) -> None:
+    code, out, _ = run(capsys, "solve", ball_file, "--plot", folder / "ball.png", "--save", folder / "ball.npz")
+    assert code == 0
+    assert out.splitlines()[-2:] == [f"saved {folder / 'ball.npz'}", f"saved {folder / 'ball.png'}"]
+    assert (folder / "ball.png").read_bytes().startswith(b"\x89PNG")
+    code, out, err = run(capsys, "solve", ball_file, "--plot", folder / "ball.xyz")
+    assert code == 2
+    assert "unknown kind of picture - got '.xyz'" in err
+    assert "iteration" not in out
+    code, _, err = run(capsys, "solve", ball_file, "--video", folder / "ball.avi")
+    assert code == 2
+    assert "unknown kind of film - got '.avi'" in err
+
+
 # ---- verify
 
 
@@ -336,3 +380,31 @@ def test_help_does_not_wait_for_what_commands_import() -> None:
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert "piaffe.cli.app" in loaded
     assert {"casadi", "numpy", "mujoco", "matplotlib", "piaffe.ocp"} & set(loaded) == set()
+
+
+# ---- new
+
+
+@pytest.mark.parametrize("robot", ["mini_cheetah", "solo12", "go2", "anymal_c"])
+def test_a_new_motion_is_ready_to_solve_and_executes(
+    capsys: pytest.CaptureFixture[str], folder: Path, robot: str
+) -> None:
+    code, out, _ = run(capsys, "new", folder / "hop", "--robot", robot)
+    assert (code, out.splitlines()) == (0, [f"saved {folder / 'hop' / name}" for name in ("README.md", "motion.py")])
+    code, _, err = run(capsys, "solve", folder / "hop" / "motion.py")
+    assert (code, err) == (0, "")  # no warning
+    code, out, _ = run(capsys, "verify", "results/motion.npz", folder / "hop" / "motion.py", "--simulate", "--seeds", 2)
+    assert code == 0
+    assert "2 of 2 starts followed to the end" in out
+
+
+def test_new_overwrites_nothing(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    (folder / "motion.py").write_text("mine")
+    code, out, err = run(capsys, "new", folder)
+    assert (code, out) == (2, "")
+    assert "motion.py' exists - got a folder with this file" in err
+    assert (folder / "motion.py").read_text() == "mine"
+    code, _, err = run(capsys, "new", folder / "other", "--robot", "solo13")
+    assert code == 2
+    assert "did you mean 'solo12'?" in err
+    assert not (folder / "other").exists()

@@ -16,7 +16,7 @@ from piaffe.errors import ModelError, ProblemError
 from piaffe.solvers import Solution
 from piaffe.viz import gl
 from piaffe.viz.cuts import cuts_of, picture_size
-from piaffe.viz.film import Cut, follow
+from piaffe.viz.films import Cut, follow
 from piaffe.viz.playback import Playback
 from piaffe.viz.simulated import simulate
 
@@ -33,6 +33,15 @@ def command(*arguments: object, **environment: str) -> subprocess.CompletedProce
 
 
 # ---- films
+
+
+def test_solve_films_what_it_solved(hop_file: Path, tmp_path: Path) -> None:
+    done = command("solve", hop_file, "--no-save", "--video", tmp_path / "hop.png", "--json")
+    if done.returncode == 2:
+        assert "OpenGL" in done.stderr
+        return
+    assert done.returncode == 0
+    assert (tmp_path / "hop.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_video_writes_a_film_or_names_the_package(hop: Path, tmp_path: Path) -> None:

@@ -273,6 +273,11 @@ def test_the_robot_rolls_lands_and_paces(load, capsys):
     assert "upright after 4.00 s" in capsys.readouterr().out
 
 
+def test_the_robot_trots_paces_rolls_and_trots_on_command(load, capsys):
+    assert load("trot_pace_roll").main(seeds=1, first=1000) == 1.0
+    assert "trot at 0.00 s, pace at 2.30 s, trot at 5.10 s, roll at 8.65 s, trot at 9.9" in capsys.readouterr().out
+
+
 def test_the_quadrotor_reaches_its_point_from_every_start(load):
     assert load("own_model_mpc").main(seeds=20) < 0.05
 

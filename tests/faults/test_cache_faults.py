@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import piaffe
+from piaffe.cli.app import main
 from piaffe.codegen import Cache, CacheWarning, build, fault_of, load, this_cpu
 from piaffe.codegen.cache import LIBRARY, MANIFEST
 from piaffe.codegen.trust import _private, distrust, make_private
@@ -145,6 +146,36 @@ def test_parents_are_examined_up_to_the_declared_root(tmp_path: Path) -> None:
     (tmp_path / "root" / "a").chmod(0o1777)  # others cannot rename what is not theirs
     assert distrust(inner, tmp_path / "root") == ""
     assert distrust(inner / "later" / "file", tmp_path / "root") == ""
+
+
+def test_a_link_out_of_the_root_is_followed_up_to_the_top(tmp_path: Path) -> None:
+    root, outside = tmp_path / "root", tmp_path / "open" / "mine"
+    root.mkdir(mode=0o700)
+    outside.mkdir(parents=True, mode=0o700)
+    (root / "native").symlink_to(outside)
+    assert distrust(root / "native", root) == ""
+    (tmp_path / "open").chmod(0o777)
+    assert distrust(root / "native", root) == f"everybody can write '{tmp_path / 'open'}'"
+    (root / "circle").symlink_to(root / "circle")
+    assert "cannot be examined" in distrust(root / "circle", root)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [{"label": ["a"]}, {"built_at": "now"}, {"seconds": {}}, {"compiler": 3}, {"cpu_name": None}, "[" * 100_000],
+)
+def test_a_damaged_manifest_is_shown_as_one_that_is_not_used(
+    entry: object, cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = build(UNIT).path.parent / MANIFEST
+    if isinstance(entry, dict):
+        path.write_text(json.dumps(json.loads(path.read_text()) | entry))
+    else:
+        path.write_text(str(entry))
+    assert main(["cache"]) == 0
+    assert "not used here" in capsys.readouterr().out
+    assert main(["cache", "--json"]) == 0
+    assert answer() == 42
 
 
 def test_no_compiler_is_called_by_a_shell() -> None:

@@ -13,10 +13,14 @@ import pytest
 
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
 from piaffe.sampling import load_episodes, load_value
+from piaffe.sampling.learning import dataset
 from piaffe.sampling.learning.dataset import Dataset
+from piaffe.sampling.study import records
 from piaffe.sampling.study.file import read_study
+from piaffe.sampling.value import store
 from piaffe.sampling.value.store import digest
 from piaffe.solvers import Solution
+from piaffe.solvers.solution import file as solution_file
 
 DATA = Path(__file__).parent.parent / "data"
 MUTATIONS = 2000
@@ -83,6 +87,21 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
 def test_files_of_every_released_version_are_read(kind: tuple[Path, Callable[[Path], Any]]) -> None:
     path, read = kind
     assert numbers(read(path))
+
+
+@pytest.mark.parametrize(
+    ("name", "newest"),
+    [
+        ("solution-{}.npz", solution_file.VERSION),
+        ("value-{}.value", store.VERSION),
+        ("dataset-{}/manifest.json", dataset.VERSION),
+        ("episodes-{}.npz", int(records.FORMAT.split()[-1])),
+    ],
+)
+def test_every_version_of_a_format_has_a_file(name: str, newest: int) -> None:
+    """Who makes a new version adds a file, and an entry of ``READERS``."""
+    for version in range(1, newest + 1):
+        assert DATA / name.format(version) in [path for path, _ in READERS.values()]
 
 
 def test_released_files_have_the_numbers_that_were_written() -> None:

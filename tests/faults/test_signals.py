@@ -1,5 +1,6 @@
 """Ctrl-C at random moments of compile, solve, plan and study: it is never lost, and the exit code is 130."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -8,13 +9,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import casadi as cs
 import numpy as np
 import pytest
 
 import piaffe
-from piaffe import ocp
+from piaffe import models, ocp, sampling, solvers
 from piaffe.cli.app import main
 from piaffe.interrupts import check_interrupt, deferred, interruptible
 from piaffe.sampling import load_episodes
@@ -46,11 +48,12 @@ def lost(work: Callable[[int], object], moments: int, longest: float) -> int:
     """Interrupt work that is repeated at random moments; return how often no interrupt was raised."""
     rng, count = np.random.default_rng(0), 0
     for _ in range(moments):
-        sent = threading.Event()
+        sent, killed = threading.Event(), threading.Event()
 
-        def send(sent: threading.Event = sent) -> None:
+        def send(sent: threading.Event = sent, killed: threading.Event = killed) -> None:
             sent.set()
             os.kill(os.getpid(), signal.SIGINT)
+            killed.set()
 
         timer = threading.Timer(float(rng.uniform(0.0, longest)), send)
         try:
@@ -58,12 +61,21 @@ def lost(work: Callable[[int], object], moments: int, longest: float) -> int:
             k = 0
             while not sent.is_set():
                 work(k := k + 1)
-            time.sleep(0.01)  # the signal may come after the event
+            killed.wait()  # the signal may come after the event
+            time.sleep(0.05)
             count += 1
         except KeyboardInterrupt:
             pass
-        timer.join()
+        finally:
+            timer.cancel()
+            timer.join()
     return count
+
+
+def sampled_trot() -> ocp.Problem:
+    model = models.Mujoco(models.load("solo12"))
+    objective = ocp.Objective(ocp.track(models.base.linear_velocity), ocp.track(models.base.height))
+    return ocp.Problem(models.gaits.trot(0.3), model.over(0.1, dt=0.02), objective, initial=model.state(joints="stand"))
 
 
 def test_an_interrupt_of_a_compilation_is_not_lost() -> None:
@@ -162,16 +174,58 @@ def test_a_deferred_interrupt_comes_at_the_end() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_an_error_of_a_deferred_step_does_not_replace_the_interrupt() -> None:
+    def work() -> None:
+        with deferred():
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(0.01)
+            raise ValueError("of the step")
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        work()
+    assert isinstance(caught.value.__context__, ValueError)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_of_a_sampled_plan_is_not_lost() -> None:
+    """Each plan is at a later time, so that it takes up other numbers of the motion, too."""
+    controller = sampling.DIAL(sampled_trot(), samples=8, first_stages=1, threads=1)
+    steps = itertools.count()
+
+    def plan(_: int) -> Any:
+        return controller.plan(controller.initial, 0.02 * next(steps))
+
+    plan(0)
+    assert lost(plan, MOMENTS, 0.05) == 0
+    assert np.all(np.isfinite(plan(0).controls))  # it goes on after an interrupt
+    controller.engine.close()
+
+
+def test_an_interrupt_of_a_receding_horizon_is_not_lost() -> None:
+    names: dict[str, ocp.Problem] = {}
+    exec(BALL, names)
+    horizon = solvers.RecedingHorizon(names["problem"].with_schedule(names["ball"].over(0.3, dt=0.01)))  # type: ignore[attr-defined]  # a model
+
+    def plan(k: int) -> None:
+        if k % 60 < 2:
+            horizon.reset()
+        horizon.plan(horizon.initial, 0.01 * (k % 60))
+
+    plan(1)
+    assert lost(plan, MOMENTS, 0.02) == 0
+    plan(1)  # it goes on after an interrupt
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # files that Python itself had open
 def test_a_command_that_is_interrupted_exits_with_130(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The moments are those of loading, compiling and solving."""
     file = tmp_path / "ball.py"
     file.write_text(BALL)
-    main(["solve", str(file), "--json"])  # what is imported and compiled once
+    main(["solve", str(file), "--json", "--no-save"])  # what is imported and compiled once
     codes: list[int] = []
 
     def solve(_: int) -> None:
-        codes.append(main(["solve", str(file), "--json"]))
+        codes.append(main(["solve", str(file), "--json", "--no-save"]))
         if codes[-1] == 130:
             raise KeyboardInterrupt
 
@@ -180,7 +234,11 @@ def test_a_command_that_is_interrupted_exits_with_130(tmp_path: Path, capsys: py
     capsys.readouterr()
 
 
-@pytest.mark.parametrize("after", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize(
+    "after",
+    [0.0, 0.3, 1.0]
+    + [pytest.param(each, marks=pytest.mark.slow) for each in np.random.default_rng(0).uniform(0.0, 6.0, MOMENTS - 3)],
+)
 def test_a_study_whose_workers_start_exits_with_130(tmp_path: Path, after: float) -> None:
     """The interrupt goes to all processes, as a terminal sends it, some time after the first line of the study."""
     examples = Path(piaffe.__file__).resolve().parent.parent.parent / "examples"

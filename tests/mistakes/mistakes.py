@@ -92,6 +92,25 @@ UNITS = (
     Mistake("a step in milliseconds",
             "problem = jump(ocp.Phase('stand', ALL, 0.4, pose()), dt=20)  # here",
             "not a whole number of steps - got 0.4 s with dt 20 s"),
+    Mistake("a velocity in millimetres a second",
+            "problem = jump(ocp.Phase('go', ALL, 0.4, pose(linear_velocity=(500, 0, 0))))  # here",
+            "'base.linear_velocity' is very fast - got 500 m/s"),
+    Mistake("an angular velocity in degrees a second",
+            "problem = jump(ocp.Phase('turn', ALL, 0.4, pose(angular_velocity=(0, 0, 180))))  # here",
+            "'base.angular_velocity' is very fast - got 180 rad/s"),
+    Mistake("joint velocities in degrees a second",
+            "problem = jump(ocp.Phase('go', ALL, 0.4, pose(joint_velocities=np.full(12, 300.0))))  # here",
+            "'joints.velocity FL_hip_joint' is very fast - got 300"),
+    Mistake("an initial velocity in millimetres a second",
+            "x = BODY.state(joints='stand', linear_velocity=(900, 0, 0))\n"
+            "problem = jump(ocp.Phase('go', ALL, 0.4, pose()), initial=x)  # here",
+            "initial state: 'base.linear_velocity' is very fast - got 900 m/s"),
+    Mistake("an initial roll in degrees",
+            "x = BODY.state(joints='stand', rpy=(30, 0, 0))  # here\nproblem = jump(initial=x)",
+            "target 'rpy': is many turns - got [30.0, 0.0, 0.0] rad"),
+    Mistake("a gait's speed in kilometres an hour",
+            "problem = jump(motion=models.gaits.trot(18.0).cycles(2))  # here",
+            "its reference is out of reach"),
 )  # fmt: skip
 
 SIGNS = (
@@ -114,6 +133,10 @@ SIGNS = (
     Mistake("a keyframe below the ground",
             "problem = jump(ocp.Phase('stand', ALL, 0.4, pose(z=-HEIGHT)))  # here",
             "stance foot is not on the ground"),
+    Mistake("gravity that points up",
+            "problem = jump().with_parameters({'go2.gravity': (0.0, 0.0, 9.81)})  # here",
+            "parameter 'go2.gravity': is out of range - got [0.0, 0.0, 9.81], expected a vector that "
+            "does not point up"),
 )  # fmt: skip
 
 FRAMES = (
@@ -136,6 +159,14 @@ FRAMES = (
     Mistake("a rotation's component by the name of an angle",
             "w = ocp.track(base.orientation, weight={'yaw': 3.0})  # here\nproblem = jump(objective=OBJECTIVE + w)",
             "no component 'yaw'"),
+    Mistake("a quaternion that is not of unit length",
+            "x = BODY.state(joints='stand')\nx[3:7] = (1.0, 0.0, 0.0, 1.0)\n"
+            "problem = ocp.Problem(jump().motion, BODY.until_end(dt=0.02), OBJECTIVE, initial=x)  # here",
+            "invalid 'base.orientation' - got a quaternion of length 1.41"),
+    Mistake("a base that leaves its feet behind",
+            "far = ocp.Keyframe(position=(0.7, 0, HEIGHT), joints='stand')\n"
+            "problem = jump(ocp.Phase('lean', ALL, 0.6, far))  # here",
+            "the base moves away from feet that stand - got FL 0."),
 )  # fmt: skip
 
 DURATIONS = (
@@ -174,6 +205,21 @@ REFERENCES = (
     Mistake("a quantity without a target",
             "w = ocp.track(feet.position)  # here\nproblem = jump(objective=OBJECTIVE + w)",
             "the motion has no target for it"),
+    Mistake("a column that no model has",
+            "path = ocp.FromArrays([0.0, 1.0], {'y': np.zeros((2, 1))})  # here\n"
+            "problem = drive(motion=ocp.Motion(ocp.Phase('go', 'roll', 1.0), reference=path))",
+            "'y': no model has it, and no cost tracks it"),
+    Mistake("the name of a quantity in place of it",
+            "path = ocp.FromArrays([0.0, 1.0], {'base.position': np.zeros((2, 3))})  # here\n"
+            "problem = jump(motion=ocp.Motion(ocp.Phase('go', ALL, 1.0), reference=path))",
+            "is the name of a quantity - got text"),
+    Mistake("times that end before the motion",
+            "path = ocp.FromArrays([0.0, 0.4], {'x': np.zeros((2, 1))})  # here\n"
+            "problem = drive(motion=ocp.Motion(ocp.Phase('go', 'roll', 1.0), reference=path))",
+            "the times do not cover the motion - got 0 s to 0.4 s, expected 0 s to 1 s"),
+    Mistake("rotations that are no quaternions",
+            "path = ocp.FromArrays([0.0, 1.0], {base.orientation: np.ones((2, 4))})  # here",
+            "'base.orientation': values are no quaternions - got [1.0, 1.0, 1.0, 1.0] in row 0"),
 )  # fmt: skip
 
 OWN_TERMS = (
@@ -215,6 +261,9 @@ OWN_TERMS = (
             "end = ocp.inequality(lambda s: 1 - cs.sqrt(s.x), at='end')  # here\n"
             "problem = drive(limits=ocp.Constraints(end))",
             "phase 'go', node 10: derivative at the initial guess is not finite"),
+    Mistake("a cost of a number",
+            "off = ocp.residual(lambda s: 0.4 - 0.1).weighted(2.0)  # here\nproblem = drive(objective=CHEAP + off)",
+            "it depends on neither state nor control"),
 )  # fmt: skip
 
 SCHEDULES = (
@@ -276,6 +325,12 @@ PARAMETERS = (
     Mistake("damping below zero",
             "problem = jump().with_parameters({'go2.joint_damping': np.full(12, -0.1)})  # here",
             "parameter 'go2.joint_damping': is out of range"),
+    Mistake("two parameters of one name",
+            "a, b = ocp.parameter('gap', 0.1), ocp.parameter('gap', 0.2)\n"
+            "near = ocp.residual(lambda s: s.x - a).weighted(1.0)\n"
+            "far = ocp.residual(lambda s: s.x - b).weighted(1.0)  # here\n"
+            "problem = drive(objective=CHEAP + near + far)",
+            "parameter 'gap': two parameters share a name"),
 )  # fmt: skip
 
 SAMPLING = (

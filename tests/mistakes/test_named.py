@@ -53,7 +53,7 @@ def test_a_problem_without_a_mistake_gives_no_warning(tmp_path):
 
 def test_solve_prints_a_warning_and_iterates(tmp_path, capsys):
     path, line = written(tmp_path, "problem = drive(ocp.Phase('go', 'roll', 0.2))  # here")
-    assert main(["solve", str(path), "--backend", "numpy"]) == 0
+    assert main(["solve", str(path), "--backend", "numpy", "--no-save"]) == 0
     shown = capsys.readouterr()
     assert f"warning: phase 'go' (declared.py:{line}): the phase has few steps - got 2" in shown.err
 

@@ -378,7 +378,7 @@ def test_functions_have_a_form_in_c():
 
 def test_functions_that_do_not_fit_each_other_are_refused():
     functions = GaitPair.random(model_of("go2"), "trot", np.random.default_rng(1)).functions
-    with pytest.raises(ShapeError, match=r"'pose': wrong sizes - got inputs \(3,\) and output 3, expected \(1, 32\)"):
+    with pytest.raises(ShapeError, match=r"'pose': wrong sizes - got inputs \(3,\) and output 3, expected \(1, 34\)"):
         replace(functions, pose=cs.Function("pose", [cs.SX.sym("t", 3)], [cs.SX.zeros(3)]))
     with pytest.raises(ShapeError, match=r"command: wrong size - got shape \(2,\), expected \(4,\)"):
         replace(functions, command=np.zeros(2))

@@ -126,5 +126,5 @@ def test_targets_turn_from_the_kept_heading_on_with_feet_where_they_are():
     x = walker.model.state(joints="stand", rpy=(0.0, 0.0, 0.1))
     standing = pair.model.flags(pair.phase(now).phase.mode) > 0
     measured = pair.numpy.kinematics.world_feet(x[:3], x[3:7], pair.model.robot.pose("stand"))
-    places = np.reshape(pair.memory.full().ravel()[20:], (4, 3))
+    places = np.reshape(pair.memory.full().ravel()[22:], (4, 3))
     assert places[standing, :2] == pytest.approx(measured[standing, :2], abs=1e-9)

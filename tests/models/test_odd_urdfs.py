@@ -10,6 +10,7 @@ from piaffe.errors import ModelError, UnknownNameError
 from tests.urdf import FEET, cart, joint, link, robot
 
 KNEE, SHANK = r'(<joint name="l_knee".*?', r'(<link name="l_shank">.*?'
+THIGH = r'(<link name="l_thigh">.*?'
 
 
 def written(tmp_path, *edits, text=None, encoding="utf-8"):
@@ -56,6 +57,29 @@ ERRORS = [
     ("link twice", r'(link name=")l_thigh"', r'\1l_shank"', "link 'l_shank': its name is not unique - got 2"),
     ("joint twice", r'(joint name=")l_pitch"', r'\1l_knee"', "joint 'l_knee': its name is not unique - got 2"),
     ("no such link", KNEE + r'parent link=")l_thigh', r"\1thigh", "joint 'l_knee': names a link that does not exist"),
+    (
+        "space behind a mass",
+        THIGH + r'<mass value=")0.7',
+        r"\g<1>0.7 ",
+        "link 'l_thigh': <inertial> is not .* got ''0.7 '",
+    ),
+    ("mass of Python", THIGH + r'<mass value=")0.7', r"\g<1>0_7", "link 'l_thigh': <inertial> is not numeric"),
+    ("unit in a mass", THIGH + r'<mass value=")0.7', r"\g<1>0.7 kg", "link 'l_thigh': <inertial> is not numeric"),
+    ("hexadecimal mass", THIGH + r'<mass value=")0.7', r"\g<1>0x1", "link 'l_thigh': <inertial> is not numeric"),
+    ("comma in a limit", KNEE + r'upper=")2.5', r"\g<1>2,5", "joint 'l_knee': origin, axis or limit is not numeric"),
+    ("infinite torque", KNEE + r'effort=")25', r"\g<1>inf", "'l_knee': torque limit is impossible - got inf Nm"),
+    ("infinite range", KNEE + r'upper=")2.5', r"\g<1>inf", "joint 'l_knee': range is not numeric - got -2 to inf"),
+    ("four numbers as place", KNEE + r'xyz=")0 0 -0.25', r"\g<1>0 0 0 -0.25", "xyz='0 0 0 -0.25' of <origin> is not"),
+    ("no inertia", THIGH + r")<inertia .*?/>", r"\1", "link 'l_thigh': <inertial> is not complete .* no <inertia>"),
+    ("no mass tag", THIGH + r")<mass .*?/>", r"\1", "link 'l_thigh': <inertial> is not complete - got no <mass"),
+    ("no product of inertia", THIGH + r') ixz="0"', r"\1", "'l_thigh': <inertial> is not complete .* without ixz"),
+    ("two inertials", THIGH + r"</inertial>)", r"\1<inertial/>", "link 'l_thigh': has several <inertial> - got 2 in"),
+    ("two axes", KNEE + r'<axis xyz="0 1 0"/>)', r'\1<axis xyz="1 0 0"/>', "'l_knee': has several <axis> - got 2 in"),
+    ("joint without a name", r'<joint name="l_knee"', "<joint", "joint '': has no name - got 1 of that name"),
+    ("robot without a name", r'<robot name="cart"', "<robot", "robot: has no name - got <robot> without 'name'"),
+    ("type in capitals", KNEE + r'type=")revolute', r"\1Revolute", "its type is not supported - got 'Revolute'"),
+    ("joint to itself", KNEE + r'parent link=")l_thigh', r"\1l_shank", "'l_foot', 'l_shank': is not connected to the"),
+    ("joint without a child", KNEE + r')<child link="l_shank"/>', r"\1", "'l_knee': names a link that does not exist"),
     ("xacro", r"<robot name", r"<model name", "is not XML|is not a URDF"),
 ]
 
@@ -111,6 +135,10 @@ WARNINGS = [
     ("placeholder", KNEE + r'effort=")25', r"\g<1>1e5", "joint 'l_knee'", "torque limit looks like a placeholder"),
     ("no range", KNEE + r')lower="-2" upper="2.5"', r"\1", "joint 'l_knee'", "has no range: Piaffe treats it as unl"),
     ("range of zeros", KNEE + r')lower="-2" upper="2.5"', r'\1lower="0" upper="0"', "joint 'l_knee'", "has no range"),
+    ("one end", KNEE + r') upper="2.5"', r"\1", "joint 'l_knee'", "range has one end - got lower alone: -2 to 0"),
+    ("degrees", KNEE + r'xyz="0 0 -0.25")', r'\1 rpy="0 90 0"', "joint 'l_knee'", "an angle is beyond one turn .* rad"),
+    ("turned body", SHANK + r'xyz="0 0 -0.11")', r'\1 rpy="180 0 0"', "link 'l_shank'", "an angle is beyond one turn"),
+    ("flat body", SHANK + r'izz=")0.002', r"\g<1>0.02", "link 'l_shank'", "inertia is impossible for a rigid body"),
     ("turns", KNEE + r'upper=")2.5', r"\g<1>99", "joint 'l_knee'", "range looks like a placeholder"),
     (
         "grams",
@@ -252,3 +280,46 @@ def test_feet_that_are_not_where_their_names_say_are_warned_of(tmp_path):
     assert cheetah.warnings == ()
     chosen = [models.Foot("left", "r_foot", frozenset({"left"})), models.Foot("right", "l_foot", frozenset({"right"}))]
     assert models.load(urdf, feet=chosen).warnings == ()
+
+
+def test_a_foot_that_is_a_joint_s_and_a_link_s_name_is_the_link(tmp_path):
+    edit = r'<joint name="l_ankle"', '<joint name="l_foot"'
+    loaded = models.load(written(tmp_path, edit), feet=FEET)
+    plain = models.load(written(tmp_path), feet=FEET)
+    assert models.Kinematics(loaded).feet(np.full(6, 0.2)) == pytest.approx(
+        models.Kinematics(plain).feet(np.full(6, 0.2))
+    )
+
+
+@pytest.mark.parametrize(
+    ("feet", "message"),
+    [
+        (("l_foot", "l_foot"), r"robot 'cart', feet: are not distinct - got 'l' twice"),
+        (("l_foot", "trunk"), r"foot 'trunk': is fixed to the base - got no joint between base and foot"),
+    ],
+)
+def test_feet_that_are_none_are_refused(feet, message, tmp_path):
+    with pytest.raises(ModelError, match=message):
+        models.load(written(tmp_path), feet=feet)
+
+
+def test_feet_that_share_a_leg_or_have_a_radius_in_millimetres_are_warned_of(tmp_path):
+    found = models.load(written(tmp_path), feet=("l_foot", "l_shank", "r_foot")).warnings
+    assert any("shares joints with another foot" in one.text for one in found)
+    (large,) = models.load(written(tmp_path), feet=FEET, foot_radius=20).warnings
+    assert "the radius is that of no foot - got 20 m, expected less than the robot's size" in large.text
+
+
+def test_a_locked_position_is_within_the_range_and_the_proposed_one_is(tmp_path):
+    with pytest.raises(ModelError, match=r"locked, joint 'l_knee': is beyond its range - got 2.6, expected -2 to 2.5"):
+        models.load(written(tmp_path), feet=FEET, locked={"l_knee": 2.6})
+    edit = KNEE + r')<limit lower="-2"', r'\1<mimic joint="r_knee"/><limit lower="0.5"'
+    with pytest.raises(ModelError, match=r"locked=\{'l_knee': 0.5\}"):
+        models.load(written(tmp_path, edit), feet=FEET)
+    assert models.load(written(tmp_path, edit), feet=FEET, locked={"l_knee": 0.5}).num_joints == 5
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_other_encodings_that_xml_declares_are_read(encoding, tmp_path):
+    text = cart().replace('version="1.0"', f'version="1.0" encoding="{encoding.removesuffix("-sig")}"')
+    assert models.load(written(tmp_path, text=text, encoding=encoding), feet=FEET).mass == pytest.approx(8.8)

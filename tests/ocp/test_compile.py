@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from piaffe import models, ocp
+from piaffe import models, ocp, solvers
 from piaffe.errors import ProblemError, ShapeError
 from piaffe.models import base, feet, joints, stance
 from piaffe.ocp import ParameterKey, Vectorised
@@ -504,3 +504,15 @@ def test_a_problem_prints_its_phases_and_terms():
     floor = next(line for line in lines if line.startswith("floor"))
     assert floor.split()[:7] == ["floor", "inequality", "running", "m", "1", "ball", "all"]
     assert f"test_compile.py:{row.source.line}" in floor
+
+
+def test_a_compilation_tells_its_phases():
+    problem = ocp.Problem(
+        ocp.Motion(DROP, RISE), BALL.until_end(dt=0.02), ocp.Objective(CHEAP), initial=[1.0, 0.0]
+    )  # fmt: skip
+    told = []
+    ocp.compile_problem(problem, progress=lambda *each: told.append(each))
+    assert told == [(0, 2, "drop"), (1, 2, "rise")]
+    told.clear()
+    solvers.MSiLQR(problem, backend="numpy", compiling=lambda *each: told.append(each))
+    assert told == [(0, 2, "drop"), (1, 2, "rise")]

@@ -306,7 +306,8 @@ def test_two_parameters_of_one_name():
     one, two = ocp.parameter("gap", 0.1), ocp.parameter("gap", 0.2)
     rows = ocp.Constraints(ocp.inequality(lambda s: s.z - one), ocp.inequality(lambda s: s.z - two))
     assert told(ProblemError, lambda: ball(constraints=rows)) == (
-        "parameter 'gap': two parameters share a name - got two objects, expected one; rename one"
+        "term 'inequality' (HERE), parameter 'gap': two parameters share a name - got two objects, expected one; "
+        "rename one"
     )
 
 

@@ -59,7 +59,6 @@ class Points:
     terminal: dict
 
 
-@lru_cache
 def points(name):
     """Return the points of each mode that an example's problems lower to."""
     nodes = {}
@@ -127,9 +126,9 @@ def score(residual, g, h, weight, g_mask, h_mask):
     return np.asfortranarray(cost), np.ascontiguousarray(violation.T).transpose(0, 2, 1)  # as evaluators lay it out
 
 
-@lru_cache
-def expected(name):
-    """Return per mode cost and violation of the stage, and of the last node, from CasADi's own functions."""
+@lru_cache(maxsize=1)  # some 100 MB a mode
+def case(name):
+    """Return points per mode, and cost and violation of the stage and of the last node from CasADi's own functions."""
     found = []
     for each in points(name):
         given, functions = each.stage, each.mode.functions
@@ -138,7 +137,7 @@ def expected(name):
         given = each.terminal
         rows = call_by_call(functions["terminal"], [given["states"][:, None]], given["p"][None])
         cost, violation = score(*rows, given["weight"], given["g_mask"], given["h_mask"])
-        found.append((*stage, cost[:, 0], violation[:, :, 0]))
+        found.append((each, (*stage, cost[:, 0], violation[:, :, 0])))
     return found
 
 
@@ -182,35 +181,42 @@ def test_every_shipped_motion_is_covered():
     assert POINTS == 100_000
 
 
-@pytest.mark.parametrize("name", MOTIONS)
-def test_engines_agree(name):
-    for each, want in zip(points(name), expected(name), strict=True):
+@pytest.fixture(scope="module", params=MOTIONS)
+def motion(request):
+    """Yield the name of an example; all tests of one run before those of the next, so that one is kept in memory."""
+    yield request.param
+    case.cache_clear()
+    jax.clear_caches()  # operations of other sizes
+
+
+def test_engines_agree(motion):
+    for each, want in case(motion):
         assert all(np.isfinite(part).all() for part in want)
         for engine in ENGINES:
             check(evaluator(each.mode, engine), each, want, assert_equal)
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("name", MOTIONS)
-def test_jax_agrees(name, precision):
-    number, agree = PRECISIONS[precision]
-    with jax.enable_x64(precision == "double"), jax.disable_jit():  # operation by operation: nothing to compile
-        for each, want in zip(points(name), expected(name), strict=True):
-            check(evaluator(each.mode, "jax"), each, want, agree, number)
-
-
-COMPILED = [
-    (name, precision)
-    if (name, precision) == ("gaits", "double")
-    else pytest.param(name, precision, marks=pytest.mark.slow)
-    for name in MOTIONS
-    for precision in PRECISIONS
-]
-
-
-@pytest.mark.parametrize(("name", "precision"), COMPILED)
-def test_compiled_jax_agrees(name, precision):
+def check_jax(motion, precision):
     number, agree = PRECISIONS[precision]
     with jax.enable_x64(precision == "double"):
-        for each, want in zip(points(name), expected(name), strict=True):
+        for each, want in case(motion):
             check(evaluator(each.mode, "jax"), each, want, agree, number)
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+def test_jax_agrees(motion, precision):
+    with jax.disable_jit():  # operation by operation: nothing to compile
+        check_jax(motion, precision)
+
+
+SOME = [name if name == "gaits" else pytest.param(name, marks=pytest.mark.slow) for name in MOTIONS]
+
+
+@pytest.mark.parametrize("motion", SOME, indirect=True)
+def test_compiled_jax_agrees_in_double_precision(motion):
+    check_jax(motion, "double")
+
+
+@pytest.mark.slow
+def test_compiled_jax_agrees_in_single_precision(motion):
+    check_jax(motion, "single")

@@ -2,11 +2,14 @@
 
 from io import StringIO
 
+import numpy as np
 import pytest
 from rich.console import Console
 
 from piaffe.solvers import MSiLQR, Options
-from piaffe.viz.bars import stage_bars
+from piaffe.viz.bars import progress_bars, stage_bars
+from piaffe.viz.films import Cut, write
+from piaffe.viz.playback import Snapshot
 from piaffe.viz.progress import LiveTable
 
 from ..problems import swing_up
@@ -56,3 +59,29 @@ def test_each_stage_has_a_bar_on_a_terminal_and_none_in_a_log() -> None:
     assert "2/2" in shown
     assert "30/30" in shown
     assert log.file.getvalue().strip() == ""
+
+
+class FakeStudio:
+    """A camera without a renderer."""
+
+    size = (64, 48)
+    fixed = np.zeros(3)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *of: object) -> None:
+        pass
+
+    def picture(self, snapshot: object, look_at: object) -> np.ndarray:
+        return np.zeros((48, 64, 3), np.uint8)
+
+
+def test_a_film_shows_its_pictures_on_a_terminal(tmp_path, monkeypatch) -> None:
+    console = Console(file=StringIO(), width=80, force_terminal=True)
+    monkeypatch.setattr("piaffe.viz.films.progress_bars", lambda: progress_bars(console))
+    snapshot = Snapshot(0.0, np.zeros(7), np.zeros((0, 3)), "robot", ())
+    path = write(tmp_path / "film.mp4", FakeStudio(), [Cut(lambda t: snapshot, 0.0, 0.5)], [])
+    assert path.stat().st_size > 0
+    assert "film, pictures" in console.file.getvalue()
+    assert "46/46" in console.file.getvalue()

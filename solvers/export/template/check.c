@@ -11,12 +11,13 @@
 
 #include "names.h"
 #include "private.h"
+#include "constants.h"
 
 static const double PLANS = 1e-6, TICKS = 1e-9; /* largest differences, relative to 1 or to the size of a number */
 
 enum { ENDED, PLANNED_AT, TICKED_AT };
 enum { SIZE_X, SIZE_U, SIZE_COMMANDS, SIZE_PLANNER, SIZE_ENTRIES, SIZE_NUMBERS, WIDTH, COUNT_PLANS, COUNT_TICKS, NUM_SIZES };
-enum { MOST_PLANNER = 256 };
+enum { MOST_PLANNER = 256 * NUM_MOTIONS };
 
 typedef struct {
     double t, x[NAME_NX], commands[NUM_COMMANDS + 1], planner[MOST_PLANNER], u[NAME_NU];
@@ -130,7 +131,8 @@ static void mark_iterate(const Receding *r, const int64_t *header, unsigned char
     }
 }
 
-static void set_planner(Receding *r, const double *p)
+/* Sets what a planner has beside its last plan; returns what follows. */
+static const double *set_planner(Receding *r, const double *p)
 {
     r->has_plan = (int)p[0], r->began = (int)p[1];
     r->course.tick = (long)p[2];
@@ -140,7 +142,17 @@ static void set_planner(Receding *r, const double *p)
     memcpy(r->course.frame, p + 12, sizeof r->course.frame);
     r->clock.shift = (long)p[15], r->clock.base = (long)p[16], r->clock.flight = (long)p[17], r->clock.late = p[18];
     r->last_equality = p[19];
-    memcpy(r->course.memory, p + 20, sizeof(double) * (size_t)(sizes[SIZE_PLANNER] - 20));
+    memcpy(r->course.memory, p + 20, sizeof(double) * (size_t)r->most_memory);
+    return p + 20 + r->most_memory;
+}
+
+/* Sets what the next plan depends on: the recorded planners, and the recorded plans before. */
+static void set_planners(NAME *c, const double *p, int last, int before)
+{
+    int active = 0;
+@RESTARTED@    for (int i = 0; i < NUM_MOTIONS; i++) p = set_planner(NAME_planner(c, i), p);
+    NAME_planner(c, active)->last = c->places[last].plan;
+    (void)before;
 }
 
 /* Runs the controller as a robot would; the measured states are the recorded ones. */
@@ -166,11 +178,11 @@ static Differences run(NAME *c, const char *path)
     return found;
 }
 
-static void load(struct place *p, const Horizon *h, const int64_t *header, const double *numbers)
+static void load(NAME *c, struct place *p, const int64_t *header, const double *numbers)
 {
     for (int i = 0; i < NUM_ENTRIES; i++) p->header[i] = (long)header[i];
     memcpy(p->numbers, numbers, sizeof p->numbers);
-    receding_view(h, &p->plan);
+    receding_view(NAME_planner(c, (int)p->header[MOTION])->horizon, &p->plan);
 }
 
 /* Each plan starts from the recorded one before, each tick follows the recorded plan. */
@@ -180,26 +192,28 @@ static Differences restart(NAME *c, const char *path)
     Differences found = {0};
     Event e;
     NAME_output out;
-    Receding *r = &c->memory.receding;
-    int plans = 0, last = 0;
+    int plans = 0, last = 0, earlier = 1;
     double *now = first, *before = second;
     NAME_forget(c);
     open_record(path);
     for (int64_t kind; (kind = next_event(&e, now)) != ENDED;) {
-        struct place *made = &c->places[1 - last];
+        const int next = 3 - last - earlier;
+        struct place *made = &c->places[next];
         if (kind == PLANNED_AT) {
-            if (plans) set_planner(r, e.planner), r->last = c->places[last].plan;
+            if (plans) set_planners(c, e.planner, last, earlier);
             memcpy(c->memory.commands, e.commands, sizeof(double) * NUM_COMMANDS);
-            if (receding_plan(r, e.x, e.t, &made->plan)) exit(1);
-            mark_iterate(r, e.header, iterate);
+            if (NAME_make(c, e.x, e.t, &made->plan)) exit(1);
+            mark_iterate(NAME_planner(c, (int)e.header[MOTION]), e.header, iterate);
             for (int i = 0; i < NUM_NUMBERS; i++) iterate[i] &= known[i];
             compare(made->numbers, now, iterate, NUM_NUMBERS, &found.plans, &found.num_plans);
-            load(made, r->horizon, e.header, now);
-            last = 1 - last, plans++;
-            c->memory.low.plan = &c->places[last].view;
+            load(c, made, e.header, now);
+            earlier = last, last = next, plans++;
+            if (plans == 1) c->memory.low.plan = &made->view;
             double *swap = now;
             now = before, before = swap;
         } else {
+            const struct place *newest = &c->places[last]; /* it acts from its start on */
+            if (newest->numbers[newest->header[HEADER + AT_TIMES]] <= e.t + SAME_TIME) c->memory.low.plan = &newest->view;
             piaffe_tick(&c->memory.low, e.x, e.t, out.torque, &c->memory.outcome);
             compare(out.torque, e.u, NULL, NAME_NU, &found.ticks, &found.num_ticks);
         }

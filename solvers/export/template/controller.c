@@ -21,11 +21,9 @@ NAME_options NAME_default_options(void)
     return (NAME_options){.max_age = @MAX_AGE@, .damping = @DAMPING@, .iterations = @ITERATIONS@, .time_limit = @TIME_LIMIT@};
 }
 
+@PLANNER_CODE@
 void NAME_forget(NAME *c)
 {
-    Receding *r = &c->memory.receding;
-    r->has_plan = r->began = 0;
-    r->clock.shift = r->clock.base = 0, r->clock.flight = -1, r->clock.late = 0.0;
     handover_init(&c->plans);
     handover_init(&c->commands);
     for (int i = 0; i < PLACES; i++) memcpy(c->told[i], declared, sizeof declared);
@@ -34,28 +32,31 @@ void NAME_forget(NAME *c)
     c->planned = c->ticked = (struct times){-INFINITY, INFINITY};
     c->ready = c->waits = c->latched = 0;
     c->memory.low.plan = 0;
+    forget_plans(c);
 }
+
+/* Lets a plan refer to its memory. */
+static void place_plan(struct place *p) { p->plan = (Plan){p->header, p->numbers, p->phases, &p->view}; }
 
 NAME *NAME_init(void *memory, size_t size, const NAME_options *options)
 {
     const NAME_options own = options ? *options : NAME_default_options();
     if (!memory || (size_t)memory % 64 || size < NAME_memory_size()) return NULL;
-    if (!(own.max_age > PERIOD + LATENCY) || !(own.damping >= 0.0 && own.damping < INFINITY)) return NULL;
+    if (!(own.max_age > @DUE@) || !(own.damping >= 0.0 && own.damping < INFINITY)) return NULL;
     if (!(own.time_limit >= 0.0 && own.time_limit < INFINITY) || own.iterations < 1 || own.iterations > NAME_MOST_ITERATIONS) return NULL;
     NAME *c = memory;
     memset(c, 0, sizeof *c);
     piaffe_fill(&c->memory);
-    c->memory.receding.arena.base = (unsigned char *)memory + whole(sizeof(NAME));
     c->memory.low.damping = own.damping;
-    c->memory.receding.iterations = own.iterations;
-    c->memory.receding.options.time_limit_s = own.time_limit;
-    c->memory.receding.problem->clock = own.clock, c->memory.receding.problem->clock_data = own.clock_data;
-    c->options = own;
-    for (int i = 0; i < PLACES; i++) {
-        struct place *p = &c->places[i];
-        p->plan = (Plan){p->header, p->numbers, p->phases, &p->view};
+    for (int i = 0; i < NUM_MOTIONS; i++) {
+        Receding *r = NAME_planner(c, i);
+        r->arena.base = (unsigned char *)memory + whole(sizeof(NAME));
+        r->iterations = own.iterations, r->options.time_limit_s = own.time_limit;
+        r->problem->clock = own.clock, r->problem->clock_data = own.clock_data;
     }
-    NAME_forget(c);
+    c->options = own;
+    for (int i = 0; i < PLACES; i++) place_plan(&c->places[i]);
+@AHEAD_CODE@    NAME_forget(c);
     return c;
 }
 
@@ -89,7 +90,7 @@ int NAME_plan(NAME *c, const double x[NAME_NX], double t)
     if (!believe(&planned, t, c->options.max_age)) return c->planned.doubted = t, NAME_BAD_TIME;
     if (receive(&c->commands)) use_next(&c->commands);
     memcpy(c->memory.commands, c->told[c->commands.acting], sizeof(double) * NUM_COMMANDS);
-    switch (receding_plan(&c->memory.receding, x, t, &c->places[c->plans.back].plan)) {
+    switch (NAME_make(c, x, t, &c->places[c->plans.back].plan)) {
     case PLANNED:
         c->planned = planned;
         hand_over(&c->plans);
@@ -102,7 +103,7 @@ int NAME_plan(NAME *c, const double x[NAME_NX], double t)
 
 void NAME_cancel(NAME *c)
 {
-    if (c) c->memory.receding.problem->cancel = 1;
+    for (int i = 0; c && i < NUM_MOTIONS; i++) NAME_planner(c, i)->problem->cancel = 1;
 }
 
 /* A plan acts from its start on; one that is complete later acts at once. */
@@ -140,7 +141,7 @@ int NAME_tick(NAME *c, const double x[NAME_NX], double t, NAME_output *out)
     if (!out) return NAME_BAD_ARGUMENT;
     memset(out, 0, sizeof *out);
     out->plan_age = -1.0;
-    if (!c || !x) return out->fallback = NAME_DAMPED, out->status = NAME_BAD_ARGUMENT;
+@NO_MOTION@    if (!c || !x) return out->fallback = NAME_DAMPED, out->status = NAME_BAD_ARGUMENT;
     if (!isfinite(t) || t < c->ticked.last - c->options.max_age || !believe(&c->ticked, t, c->options.max_age))
         return damp(c, x, out), out->status = NAME_BAD_TIME;
     if (t < c->ticked.last - SAME_TIME) out->status = NAME_BAD_TIME;
@@ -149,7 +150,7 @@ int NAME_tick(NAME *c, const double x[NAME_NX], double t, NAME_output *out)
     const struct place *p = &c->places[c->plans.acting];
     out->plan_age = t - p->numbers[MEASURED_AT];
     out->plan_status = (int)p->header[STATUS], out->plan_iterations = (int)p->header[ITERATIONS];
-    if (out->plan_age > PERIOD + LATENCY + SAME_TIME) out->fallback |= NAME_LATE;
+@MOTION_CODE@    if (out->plan_age > PERIOD + LATENCY + SAME_TIME && !c->waits) out->fallback |= NAME_LATE;
     if (out->plan_age > c->options.max_age) c->latched = 1;
     if (c->latched) {
         out->fallback |= NAME_LATCHED;
@@ -189,3 +190,4 @@ const char *NAME_plan_status_text(int status)
     };
     return status >= 0 && status < (int)(sizeof texts / sizeof *texts) ? texts[status] : "unknown";
 }
+@MOTION_NAMES@

@@ -1,4 +1,9 @@
-/* NAME: a receding horizon and its low level, measured state and time in, torques out. Made by Piaffe; see README.md.
+/* NAME: a receding horizon and its low level for the robot @ROBOT@: measured state and time in, torques out.
+ * Made by Piaffe; see README.md.
+ *
+ * A state, in SI units: positions and linear velocities in the world, quaternions (w, x, y, z), angular velocities in the frame of
+ * the body. Zeros and signs of the joints are those of the robot's model.
+@STATE_WORDS@
  *
  * Three threads may use a controller at the same time, one each: `plan`, `tick` and `command`. `cancel` may be called from any
  * thread. No function allocates memory, takes a lock, or waits for another thread. */
@@ -12,11 +17,13 @@ extern "C" {
 #endif
 
 @CONSTANTS@
+#define NAME_PERIOD @PERIOD@  /* time between plans [s] */
+#define NAME_LATENCY @LATENCY@ /* from a state to the first effect of its plan [s] */
 
 typedef struct NAME NAME;
 
 typedef struct {
-    double max_age;               /* a plan acts until its state is this old [s]; more than a period and the latency */
+    double max_age;               /* a plan acts until its state is this old [s]; more than @DUE_WORDS@ */
     double damping;               /* of the joints, if there is no torque of a plan [Nm s/rad] */
     int iterations;               /* most iterations of a plan, 1 to NAME_MOST_ITERATIONS; the first one has more */
     double time_limit;            /* a plan begins no trial step after this time [s]; 0: no limit */
@@ -46,7 +53,7 @@ enum {
     NAME_RELAXED = 16        /* no torques keep all limits: those on contact forces gave way */
 };
 
-typedef struct {
+@TORQUE_WORDS@typedef struct {
     double torque[NAME_NU];         /* [Nm] */
     double joint_position[NAME_NU]; /* of the plan at this time [rad]; the measured ones if the joints are damped */
     double joint_velocity[NAME_NU]; /* of the plan at this time [rad/s]; 0 if the joints are damped */
@@ -57,9 +64,9 @@ typedef struct {
     int plan_status;        /* why the solve of the plan ended, see NAME_plan_status_text */
     int plan_iterations;
     int iterations;         /* of the quadratic program */
-} NAME_output;
+@MOTION_OUTPUT@} NAME_output;
 
-@COMMAND@
+@DECLARED_WORDS@@COMMAND@
 
 /* Bytes of a controller. */
 size_t NAME_memory_size(void);
@@ -81,7 +88,7 @@ void NAME_cancel(NAME *controller);
 /* Words for what the functions return. */
 const char *NAME_status_text(int status);
 const char *NAME_plan_status_text(int status);
-
+@MOTION_DECLARED@
 #ifdef __cplusplus
 }
 #endif

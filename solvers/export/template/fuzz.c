@@ -1,5 +1,7 @@
-/* Random states, times, commands and cancellations, absurd ones among them; every output is checked. fuzz [TICKS] [threads].
- * For `make sanitize` and `make threads`. */
+/* Random states, times, commands and cancellations, absurd ones among them; every output is checked, and statuses are counted.
+ * Plans come at random moments, and sometimes not for seconds, as from a thread that stalls; times jump once, or for good.
+ * fuzz [TICKS] [threads] [SEED], for `make sanitize` and `make threads`. With threads, plans, ticks, commands and cancellations have
+ * one each; time then waits for plans, which are slow under a sanitizer. */
 #define _GNU_SOURCE
 #include <math.h>
 #include <pthread.h>
@@ -15,8 +17,9 @@ static const double initial[NAME_NX] = {@INITIAL@}, lower[NAME_NU] = {@LOWER@}, 
 static const double TICK = 0.002, PERIOD = @PERIOD@; /* [s] */
 
 static NAME *controller;
-static long num_ticks = 20000, num_wrong;
-static _Atomic long at_tick;
+static long num_ticks = 20000, num_wrong, num_resets;
+static long statuses[NAME_BAD_ARGUMENT + 1], plan_statuses[NAME_BAD_ARGUMENT + 1], bits[5]; /* of ticks; of plans; of fallback */
+static _Atomic long at_tick, num_plans;
 static _Atomic int over;
 
 typedef struct {
@@ -52,15 +55,17 @@ static void check(const NAME_output *output)
         right &= isfinite(output->joint_position[i]) && isfinite(output->joint_velocity[i]);
     }
     num_wrong += !right;
+    if (right) statuses[output->status]++;
+    for (int i = 0; i < 5; i++) bits[i] += output->fallback >> i & 1;
 }
 
-static void tick_once(Random *r, long k)
+static void tick_once(Random *r, double t)
 {
     double x[NAME_NX];
     NAME_output output;
     draw_state(r, x);
     memset(&output, 0xff, sizeof output);
-    NAME_tick(controller, x, draw_time(r, (double)k * TICK), &output);
+    NAME_tick(controller, x, draw_time(r, t), &output);
     check(&output);
 }
 
@@ -68,7 +73,8 @@ static void plan_once(Random *r, double t)
 {
     double x[NAME_NX];
     draw_state(r, x);
-    NAME_plan(controller, x, draw_time(r, t));
+    plan_statuses[NAME_plan(controller, x, draw_time(r, t))]++;
+    num_plans++;
 }
 
 static void command_once(Random *r)
@@ -77,6 +83,15 @@ static void command_once(Random *r)
     memset(&commands, 0, sizeof commands);
     commands.set = (unsigned)(uniform(r) * 18.0);
 @FUZZ_COMMANDS@    NAME_command(controller, &commands);
+}
+
+/* From where the motion begins; sometimes from anywhere, so that there may be no plan. */
+static void reset_once(Random *r)
+{
+    double x[NAME_NX];
+    draw_state(r, x);
+    NAME_reset(controller, uniform(r) < 0.9 ? initial : x, 0.0);
+    num_resets++;
 }
 
 static void *plan(void *nothing)
@@ -102,33 +117,66 @@ static void *cancel(void *nothing)
     return NULL;
 }
 
+static void tell(const char *what, const long *counts, int size)
+{
+    printf("%s:", what);
+    for (int i = 0; i < size; i++)
+        if (counts[i]) printf(" %ld %s;", counts[i], NAME_status_text(i));
+    printf("\n");
+}
+
+static void run(Random *r)
+{
+    const long planned = (long)(PERIOD / TICK + 0.5);
+    double jump = 0.0; /* of the clock */
+    long stall = 0; /* ticks without a plan */
+    for (long k = 0, began = 0; k < num_ticks; k++) {
+        const double t = (double)(k - began) * TICK + jump;
+        tick_once(r, t);
+        if (stall > 0) stall--;
+        else if (uniform(r) * (double)(3 * planned) < 1.0) plan_once(r, t);
+        if (uniform(r) < 0.001) stall = (long)(150.0 * uniform(r) * (double)planned);
+        if (uniform(r) < 0.0005) jump += 4.0 * uniform(r) - 2.0;
+        if (uniform(r) < 0.05) command_once(r);
+        if (uniform(r) < 0.01) NAME_cancel(controller);
+        if (uniform(r) < 0.002) reset_once(r), began = k + 1, jump = 0.0, stall = 0;
+    }
+}
+
+static int run_in_threads(Random *r)
+{
+    const long planned = (long)(PERIOD / TICK + 0.5), ahead = 20 * planned;
+    void *(*const works[])(void *) = {plan, command, cancel};
+    pthread_t others[3];
+    for (int i = 0; i < 3; i++)
+        if (pthread_create(&others[i], NULL, works[i], NULL)) return 0;
+    for (long k = 0; k < num_ticks; k++) {
+        if (at_tick < num_plans * planned + ahead) at_tick++;
+        tick_once(r, (double)at_tick * TICK);
+    }
+    over = 1;
+    for (int i = 0; i < 3; i++) pthread_join(others[i], NULL);
+    return 1;
+}
+
 int main(int count, char **arguments)
 {
     if (count > 1) num_ticks = atol(arguments[1]);
-    const int threads = count > 2;
-    Random r = {1};
-    pthread_t others[3];
+    const int threads = count > 2 && !strcmp(arguments[2], "threads");
+    Random r = {count > 3 ? (unsigned long long)atoll(arguments[3]) : 1};
     NAME_options options = NAME_default_options();
-    options.max_age = 1.0;
+    options.max_age = 50.0 * PERIOD;
     const size_t size = NAME_memory_size();
     void *memory = aligned_alloc(64, size);
     if (!(controller = NAME_init(memory, size, &options))) return 2;
     NAME_reset(controller, initial, 0.0);
-    if (threads && (pthread_create(&others[0], NULL, plan, NULL) || pthread_create(&others[1], NULL, command, NULL) ||
-                    pthread_create(&others[2], NULL, cancel, NULL))) return 2;
-    long resets = 0;
-    const long planned = (long)(PERIOD / TICK + 0.5);
-    for (long k = 0, began = 0; k < num_ticks; k++) {
-        at_tick = k - began;
-        tick_once(&r, k - began);
-        if (threads) continue;
-        if (k % planned == 0) plan_once(&r, (double)(k - began) * TICK);
-        if (uniform(&r) < 0.05) command_once(&r);
-        if (k - began > 2000 || uniform(&r) < 0.001) NAME_reset(controller, initial, 0.0), began = k, resets++;
-    }
-    over = 1;
-    for (int i = 0; threads && i < 3; i++) pthread_join(others[i], NULL);
-    printf("%ld ticks, %ld resets, %ld wrong outputs\n", num_ticks, resets, num_wrong);
+    if (threads && !run_in_threads(&r)) return 2;
+    if (!threads) run(&r);
+    printf("%ld ticks, %ld plans, %ld resets, %ld wrong outputs\n", num_ticks, (long)num_plans, num_resets, num_wrong);
+    tell("ticks", statuses, NAME_BAD_ARGUMENT + 1);
+    tell("plans", plan_statuses, NAME_BAD_ARGUMENT + 1);
+    printf("ticks with a fallback: program failed %ld, damped %ld, late %ld, latched %ld, relaxed %ld\n", bits[0], bits[1], bits[2],
+           bits[3], bits[4]);
     free(memory);
     return num_wrong != 0;
 }

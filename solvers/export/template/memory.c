@@ -12,16 +12,15 @@ void piaffe_fill(struct memory *m)
 {
 @FILLING@}
 
-size_t piaffe_arena_bytes(void)
+/* Bytes of the solver's memory for the longest horizon that begins at one of some ticks. */
+static size_t most_bytes(const Horizon *horizon, long first, long last, long step)
 {
-    static const Horizon horizon = @HORIZON@;
     Span spans[@SPANS@];
     Node nodes[@NODES@];
     int firsts[@SPANS@];
     Problem problem = {0};
-    Receding r = {.horizon = &horizon, .spans = spans, .nodes = nodes, .firsts = firsts, .problem = &problem};
+    Receding r = {.horizon = horizon, .spans = spans, .nodes = nodes, .firsts = firsts, .problem = &problem};
     size_t most = 0;
-    const long first = @FIRST@, last = @LAST@, step = @STEP@;
     for (long k = first; k < last; k += step) {
         size_t bytes;
         long numbers, entries;
@@ -29,4 +28,12 @@ size_t piaffe_arena_bytes(void)
         if (bytes > most) most = bytes;
     }
     return most;
+}
+
+static size_t larger(size_t a, size_t b) { return a > b ? a : b; }
+
+size_t piaffe_arena_bytes(void)
+{
+    size_t most = 0;
+@HORIZONS@    return most;
 }

@@ -2,7 +2,7 @@
 #ifndef PIAFFE_MEMORY_H
 #define PIAFFE_MEMORY_H
 
-#include "horizon/receding.h"
+#include "horizon/motions.h"
 #include "tick/tick.h"
 
 struct memory {

@@ -8,6 +8,8 @@
 
 enum { NUM_ENTRIES = @NUM_ENTRIES@, NUM_NUMBERS = @NUM_NUMBERS@, NUM_PHASES = @NUM_PHASES@, NUM_COMMANDS = @NUM_COMMANDS@ };
 
+enum { NUM_MOTIONS = @NUM_MOTIONS@ };
+
 /* Memory of a plan. */
 struct place {
     _Alignas(64) double numbers[NUM_NUMBERS];
@@ -25,7 +27,7 @@ struct times {
 struct NAME {
     struct memory memory;
     struct place places[PLACES];
-    NAME_options options;
+@AHEAD@    NAME_options options;
     struct handover plans;
     /* commands */
     struct handover commands;
@@ -40,5 +42,8 @@ struct NAME {
 
 /* Forgets plans, commands and faults. */
 void NAME_forget(NAME *c);
+/* The planner of a motion; a plan of the motion that is active. */
+Receding *NAME_planner(NAME *c, int motion);
+int NAME_make(NAME *c, const double *x, double t, const Plan *plan);
 void piaffe_tick(const struct low_level *low, const double *x, double t, double *control, struct outcome *out);
 #endif

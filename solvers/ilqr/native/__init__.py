@@ -16,5 +16,4 @@ from .program import constants_header as constants_header
 from .program import sizes_header as sizes_header
 from .structs import OPTIONS as OPTIONS
 from .structs import OptionsStruct as OptionsStruct
-from .structs import RecordStruct as RecordStruct
 from .structs import structs_of as structs_of

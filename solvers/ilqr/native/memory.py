@@ -149,6 +149,7 @@ class SolverMemory:
             self.arrays.append(arrays)
             for name, array in arrays.items():
                 setattr(c, name, array.ctypes.data)
+            c.V_first, c.V_last = (arrays["V_xx"][k * ndx * ndx :].ctypes.data for k in (0, n))
             c.work = self._work
             self.shooting.append(self._array(n // 8 + 1, 0.0).view(np.uint8)[: n + 1])
             c.N, c.dt = n, phase.dt

@@ -23,7 +23,8 @@ RECORD = [
 ]  # fmt: skip
 _OF_PHASE = [
     "x", "u", "xt", "ut", "x_outside", "u_outside", "x_next", "start", "d", "dt_trial", "D", "finish", "grad", "H",
-    "end_grad", "end_H", "P", "dx", "du", "k", "K", "V_x", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux", "Q_uu",
+    "end_grad", "end_H", "P", "dx", "du", "k", "K", "V_x", "V_first", "V_last", "V_xx", "Q_x", "Q_u", "Q_xx", "Q_ux",
+    "Q_uu",
 ]  # fmt: skip
 _OF_BLOCK = [
     "p", "weight", "g_mask", "h_mask", "z", "residual", "g", "h", "z0", "residual0", "g0", "h0", "factors",

@@ -6,8 +6,7 @@
 #include "handover.h"
 #include "plan.h"
 
-struct receding; /* of receding.h */
-struct planned;
+struct planned; /* of receding.h */
 struct low_level; /* of tick.h */
 struct outcome;
 struct plan_thread;
@@ -18,9 +17,9 @@ enum { IDLE, ASKED };
 enum { UNUSABLE_PLAN = 3, TIME_GOES_BACK = 16, NO_THREADS = 32, THREAD_FAILED };
 
 struct loop {
-    int (*make)(struct receding *, const double *, double, const struct planned *);
+    int (*make)(void *, const double *, double, const struct planned *); /* receding_plan or motions_plan */
     void (*tick)(const struct low_level *, const double *, double, double *, struct outcome *);
-    struct receding *planner;
+    void *planner;
     struct low_level *low;
     const struct plan **followed;         /* the low level's plan */
     const struct planned *memories[PLACES];

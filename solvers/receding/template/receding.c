@@ -3,7 +3,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "receding.h"
+#include "motions.h"
 #include "sizes.h"
 
 #include "manifold.inc"
@@ -26,11 +26,11 @@ static long lay_plan(const Receding *r, int count, long *header)
         const int mode = mode_of(h, span), *link = i + 1 < count ? link_of(h, r->spans, i, nodes_of(r, i) + span->stages) : NULL;
         const Mode *m = h->mode_tables[mode];
         const Transition *after = link && link[0] >= 0 ? h->transition_tables[link[0]] : NULL;
-        const long N = span->stages, nu = m->nu, ndx = m->ndx, kept = r->adapt_below > 0;
+        const long N = span->stages, nu = m->nu, ndx = m->ndx, kept = r->adapt_below > 0, read = is_read(h, mode) ? N : 0;
         const long end_g = m->mg + (after ? after->ng : 0), end_h = m->mh + (after ? after->nh : 0);
-        const long sizes[] = {N + 1, (N + 1) * m->nx, N * nu, N * nu, N * nu * ndx, h->lean ? 0 : N * ndx, N * nu,
-                              h->lean ? 0 : N * ndx * ndx, N * nu * ndx,
-                              N * nu * nu, N * m->np, N * m->ng, N * m->nh,
+        const long sizes[] = {N + 1, (N + 1) * m->nx, N * nu, N * nu, N * nu * ndx, h->lean ? 0 : N * ndx, read * nu,
+                              h->lean ? 0 : N * ndx * ndx, read * nu * ndx,
+                              read * nu * nu, read * m->np, read * m->ng, read * m->nh,
                               after ? after->np : 0, kept * N * m->ng, kept * N * m->ng, kept * N * m->nh, kept * N * m->nh,
                               kept * end_g, kept * end_g, kept * end_h, kept * end_h};
         long part[PART] = {span->segment, span->place.number, span->place.entry, mode, N, span->first, link ? link[0] : -1,
@@ -43,6 +43,20 @@ static long lay_plan(const Receding *r, int count, long *header)
     }
     if (header) header[NUM_PARTS] = count;
     return at;
+}
+
+/* Lets the solver write its policy into a plan, of which the header is complete. */
+static void put_policy_into(const Receding *r, const Plan *plan)
+{
+    const Horizon *h = r->horizon;
+    for (int i = 0; i < r->problem->num_phases; i++) {
+        Phase *ph = &r->problem->phases[i];
+        const long *part = part_of(plan, i);
+        ph->k = plan->numbers + part[AT_K], ph->K = plan->numbers + part[AT_FEEDBACK];
+        if (!h->lean) ph->Q_x = plan->numbers + part[AT_Q_X], ph->Q_xx = plan->numbers + part[AT_Q_XX];
+        if (!is_read(h, (int)part[MODE])) continue;
+        ph->Q_u = plan->numbers + part[AT_Q_U], ph->Q_ux = plan->numbers + part[AT_Q_UX], ph->Q_uu = plan->numbers + part[AT_Q_UU];
+    }
 }
 
 /* Lays the parts and nodes of the horizon that begins at tick k; returns the number of parts. */
@@ -59,10 +73,11 @@ static int lay(Receding *r, long k)
 
 void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries)
 {
-    Arena measure = {0};
+    Arena measure = {0}, before = {0};
     const int count = lay(r, k);
     lay_out(r, &measure, count);
-    *bytes = measure.used + 64;
+    lay_out_node(r, &before);
+    *bytes = (measure.used > before.used ? measure.used : before.used) + 64;
     *numbers = lay_plan(r, count, NULL);
     *entries = HEADER + (long)count * PART;
 }
@@ -78,8 +93,9 @@ static void clear_policy(Problem *pr)
         memset(ph->k, 0, sizeof(double) * N * nu);
         memset(ph->K, 0, sizeof(double) * N * nu * ndx);
         if (ph->Q_x) memset(ph->Q_x, 0, sizeof(double) * N * ndx);
-        memset(ph->Q_u, 0, sizeof(double) * N * nu);
         if (ph->Q_xx) memset(ph->Q_xx, 0, sizeof(double) * N * ndx * ndx);
+        if (!ph->Q_u) continue;
+        memset(ph->Q_u, 0, sizeof(double) * N * nu);
         memset(ph->Q_ux, 0, sizeof(double) * N * nu * ndx);
         memset(ph->Q_uu, 0, sizeof(double) * N * nu * nu);
     }
@@ -100,7 +116,7 @@ static int is_finite(const Horizon *h, const Plan *plan)
     return finite;
 }
 
-/* Copies the iterate and the policy of the solver into a plan. */
+/* Copies the iterate of the solver into a plan; the policy is there. */
 static void write_plan(const Receding *r, const Plan *plan)
 {
     const Horizon *h = r->horizon;
@@ -110,21 +126,14 @@ static void write_plan(const Receding *r, const Plan *plan)
         const Phase *ph = &pr->phases[i];
         const Mode *m = ph->mode;
         const long *part = part_of(plan, i);
-        const size_t N = (size_t)ph->N, nu = (size_t)m->nu, ndx = (size_t)m->ndx;
+        const size_t N = (size_t)ph->N;
         for (int k = 0; k <= ph->N; k++) out[part[AT_TIMES] + k] = (double)(part[FIRST] + k * h->segments[part[SEGMENT]].step + r->clock.shift) * h->tick;
         copy(out + part[AT_X], ph->x, (N + 1) * (size_t)m->nx);
-        copy(out + part[AT_U], ph->u, N * nu);
-        copy(out + part[AT_K], ph->k, N * nu);
-        copy(out + part[AT_FEEDBACK], ph->K, N * nu * ndx);
-        if (ph->Q_x) copy(out + part[AT_Q_X], ph->Q_x, N * ndx);
-        copy(out + part[AT_Q_U], ph->Q_u, N * nu);
-        if (ph->Q_xx) copy(out + part[AT_Q_XX], ph->Q_xx, N * ndx * ndx);
-        copy(out + part[AT_Q_UX], ph->Q_ux, N * nu * ndx);
-        copy(out + part[AT_Q_UU], ph->Q_uu, N * nu * nu);
+        copy(out + part[AT_U], ph->u, N * (size_t)m->nu);
     }
     for (int g = 0; g < pr->num_groups; g++) {
         const Mode *m = pr->groups[g].mode;
-        for (int i = 0; i < pr->groups[g].num_blocks; i++) {
+        for (int i = 0; is_read(h, g) && i < pr->groups[g].num_blocks; i++) {
             const Block *b = &pr->groups[g].blocks[i];
             for (int l = 0; l < b->count; l++) {
                 const long *part = part_of(plan, b->phase[l]);
@@ -158,32 +167,56 @@ void receding_view(const Horizon *h, const Plan *plan)
     *plan->view = (struct plan){n, plan->phases, {plan->numbers[ANCHOR], plan->numbers[ANCHOR + 1], plan->numbers[ANCHOR + 2]}};
 }
 
-/* Makes a plan from a state in the world, measured at time t. */
-int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
+/* The tick of the world's clock at which a plan of a state that is measured at time t begins. */
+static long begin_of(const Receding *r, double t)
+{
+    const Segment *first = &r->horizon->segments[0];
+    return (long)ceil((t + r->latency - SAME_TIME) / first->dt) * first->step;
+}
+
+/* Whether a plan can begin: 0, or why not. */
+static int check_measured(const Receding *r, const double *x, double t)
+{
+    const Horizon *h = r->horizon;
+    for (int i = 0; i < h->spaces[h->segments[0].space].nx; i++)
+        if (!isfinite(x[i])) return NOT_FINITE_STATE;
+    return fabs(t + r->latency) / h->tick < 1e15 ? PLANNED : OUTSIDE; /* ticks are whole numbers; t may be NaN */
+}
+
+/* Lays out the memory for single nodes, before that of a solve. */
+static void work_on_nodes(Receding *r)
+{
+    r->arena.used = 0;
+    lay_out_node(r, &r->arena);
+}
+
+/* The state in the world at a later time under the last plan, from one measured at time t; returns whether it is finite. */
+static int state_later(Receding *r, const double *x, double t, double until, double *state)
+{
+    const Horizon *h = r->horizon;
+    const Space *space = &h->spaces[h->segments[0].space];
+    memcpy(state, x, sizeof(double) * (size_t)space->nx);
+    if (!r->has_plan || until <= t + SAME_TIME) return 1;
+    work_on_nodes(r);
+    const long measured = lround(t / h->tick) - r->clock.shift;
+    to_frame(r, x, r->course.anchor, state);
+    if (measured >= r->course.tick && fabs((double)(measured + r->clock.shift) * h->tick - t) < SAME_TIME) arrive(r, measured, state);
+    predict(r, state, t, until);
+    move_values(r, space->state, space->nx, state, r->course.anchor, state);
+    int finite = 1;
+    for (int i = 0; i < space->nx; i++) finite &= isfinite(state[i]) != 0;
+    return finite;
+}
+
+/* Makes a plan that begins at a tick of the world's clock with a state in the world, from one that was measured at time t. */
+static int plan_from(Receding *r, double began, const double *state, long begin, double t, const Plan *plan)
 {
     const Horizon *h = r->horizon;
     Problem *pr = r->problem;
-    const Space *space = &h->spaces[h->segments[0].space];
-    const double began = h->clock(pr), dt = h->segments[0].dt;
-    double state[MOST_NUMBERS], start[MOST_NUMBERS];
-    const size_t bytes = sizeof(double) * (size_t)space->nx;
-    lend_work(r);
-    for (int i = 0; i < space->nx; i++)
-        if (!isfinite(x[i])) return NOT_FINITE_STATE;
-    if (!(fabs(t + r->latency) / h->tick < 1e15)) return OUTSIDE; /* ticks are whole numbers; t may be NaN */
-    const long step = h->segments[0].step, begin = (long)ceil((t + r->latency - SAME_TIME) / dt) * step;
-    memcpy(state, x, bytes);
-    const double begins = (double)(begin / step) * dt;
-    if (r->has_plan && begins > t + SAME_TIME) {
-        const long measured = lround(t / h->tick) - r->clock.shift;
-        to_frame(r, x, r->course.anchor, state);
-        if (measured >= r->course.tick && fabs((double)(measured + r->clock.shift) * h->tick - t) < SAME_TIME) arrive(r, measured, state);
-        predict(r, state, t, begins);
-        move_values(r, space->state, space->nx, state, r->course.anchor, state);
-        for (int i = 0; i < space->nx; i++)
-            if (!isfinite(state[i])) r->has_plan = 0; /* the policy is far from its plan */
-        if (!r->has_plan) memcpy(state, x, bytes);
-    }
+    const size_t bytes = sizeof(double) * (size_t)h->spaces[h->segments[0].space].nx;
+    const long step = h->segments[0].step;
+    double start[MOST_NUMBERS];
+    work_on_nodes(r);
     const Clock before = r->clock;
     retime(r, state, begin);
     const long k = begin - r->clock.shift;
@@ -199,6 +232,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     r->arena.used = 0;
     lay_out(r, &r->arena, count);
     lay_plan(r, count, plan->header);
+    put_policy_into(r, plan);
     make_samples(r, r->nodes, r->num_nodes, r->samples);
     for (int i = 0; i < count; i++) take_middles(h, &r->spans[i], r->samples + (size_t)r->firsts[i] * (size_t)h->num_targets);
     fill_problem(r, plan);
@@ -215,6 +249,7 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     plan->header[HAS_POLICY] = h->policy(pr);
     if (!plan->header[HAS_POLICY]) clear_policy(pr);
     plan->header[TICK] = k, plan->header[STATUS] = status, plan->header[ITERATIONS] = pr->num_records;
+    plan->header[MOTION] = plan->header[REQUEST] = 0;
     write_plan(r, plan);
     adapt_rows(r, plan, status);
     double *f = plan->numbers;
@@ -228,3 +263,22 @@ int receding_plan(Receding *r, const double *x, double t, const Plan *plan)
     r->has_plan = is_finite(h, plan);
     return r->has_plan ? PLANNED : NOT_FINITE_PLAN;
 }
+
+int receding_plan(void *receding, const double *x, double t, const Plan *plan)
+{
+    Receding *r = receding;
+    const double began = r->horizon->clock(r->problem);
+    const int why = check_measured(r, x, t);
+    if (why) return why;
+    const Segment *first = &r->horizon->segments[0];
+    const size_t bytes = sizeof(double) * (size_t)r->horizon->spaces[first->space].nx;
+    const long begin = begin_of(r, t);
+    double state[MOST_NUMBERS];
+    if (!state_later(r, x, t, (double)(begin / first->step) * first->dt, state)) {
+        r->has_plan = 0; /* the policy is far from its plan */
+        memcpy(state, x, bytes);
+    }
+    return plan_from(r, began, state, begin, t, plan);
+}
+
+#include "motions.inc"

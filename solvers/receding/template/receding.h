@@ -78,12 +78,13 @@ typedef struct {
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
     int (*solve)(Problem *, int), (*policy)(Problem *);
     void (*adapt)(Problem *, int, double);
-    int lean;                           /* plans have no Q_x and Q_xx, which low levels do not read */
+    int lean;                           /* plans have only what low levels and the next plan read */
+    int num_lanes, num_work;            /* vectors that go into and out of a function of these tables, and that it works with */
     double (*clock)(const Problem *);   /* seconds */
     const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
 } Horizon;
 
-/* Where a tick is in the motion, see Place. */
+/* Where a tick is in the motion, see Place. In a course, entry -1: it begins anew, with the last plan as the first guess. */
 typedef struct {
     int entry;
     long number, start;
@@ -123,7 +124,8 @@ typedef struct {
 } Node;
 
 /* A plan: header and numbers. The header begins with NUM_PARTS, TICK, ..., then PART numbers for each part. */
-enum { NUM_PARTS, TICK, STATUS, ITERATIONS, HAS_POLICY, HEADER };
+/* MOTION and REQUEST: of several motions, that of the plan and the one that is asked for, see motions.h. */
+enum { NUM_PARTS, TICK, STATUS, ITERATIONS, HAS_POLICY, MOTION, REQUEST, HEADER };
 enum { SEGMENT, NUMBER, ENTRY, MODE, STAGES, FIRST, TRANSITION, FLAGS, LAST, AT_TIMES, AT_X, AT_U, AT_K, AT_FEEDBACK, AT_Q_X, AT_Q_U,
        AT_Q_XX, AT_Q_UX, AT_Q_UU, AT_P, AT_G_MASK, AT_H_MASK, AT_P_TRANSITION, AT_RELAXATION, AT_ROW_SHIFT, AT_MULTIPLIER, AT_PENALTY,
        AT_END_RELAXATION, AT_END_ROW_SHIFT, AT_END_MULTIPLIER, AT_END_PENALTY, PART };
@@ -156,14 +158,14 @@ typedef struct receding {
     double *frames, *memories;          /* of the pieces in the horizon: (num_pieces, 3), (num_pieces, most memory) */
     long *nows;
     int most_memory;
-    Block *scratch;                     /* one node of each mode, then of each transition */
+    Block *single;                      /* a node of any mode or transition, before a solve: in the arena */
     double *rows, *x;                   /* a parameter row; a state */
-    vd *lanes, *work;                   /* inputs and outputs of functions; their work arrays */
+    vd *lanes, *work;                   /* inputs and outputs of functions; where they work: in the arena */
 } Receding;
 
 /* Returns 0, or why there is no plan; with NOT_FINITE_PLAN there is one, but the next one begins anew. */
 enum { PLANNED, OUTSIDE, NOT_FINITE_STATE, NOT_FINITE_PLAN };
-int receding_plan(Receding *r, const double *x, double t, const Plan *plan);
+int receding_plan(void *receding, const double *x, double t, const Plan *plan);
 /* Bytes of the solver's memory, and numbers and header entries of a plan, for a horizon that begins at a tick. */
 void receding_sizes(Receding *r, long k, size_t *bytes, long *numbers, long *entries);
 /* Lets the view of a plan refer to its numbers; a tick does this itself. */

@@ -18,18 +18,19 @@ from .doctor import doctor
 from .export import export
 from .mpc import mpc
 from .mppi import NamesControllers, mppi
-from .picture_commands import plot, video, view
-from .problem_commands import check, describe, solve, verify
+from .new import new
+from .picture_commands import plot, pose, video, view
+from .problem_commands import check, describe, verify
 from .reports import plain, terminal
+from .solve import solve
 from .study import study
 
-COMMANDS = (describe, solve, verify, check, plot, video, view, doctor, cache, mpc, mppi, study, export)
+COMMANDS = (new, describe, solve, verify, check, plot, video, view, pose, doctor, cache, mpc, mppi, study, export)
 
 app = typer.Typer(
     name="piaffe",
     help="Declare a legged motion once; describe, solve, verify, plot and film it.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

@@ -39,11 +39,13 @@ def export(
 ) -> None:
     """Write FILE's receding horizon and low level as a C library that needs neither Python nor Piaffe.
 
-    A module-level `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon.
+    A module-level `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon. FILE may
+    also have several problems by name, a dict, between which a command of the controller changes.
     `make -C DIR check` builds the library and replays a closed loop that was recorded here; `--check` does it at once.
     """
     from rich.console import Console
 
+    from piaffe.files import check_destination, write_whole
     from piaffe.solvers import export_controller
 
     from .online import OnlineSetup
@@ -52,18 +54,19 @@ def export(
     settings = OnlineSettings(
         gains=gains, seconds=seconds, latency=latency, command=" ".join(command or ()), spread=spread
     )  # fmt: skip
+    check_destination(output / "check.bin")
     setup = OnlineSetup.of_file(file, settings, quiet=json)
     with Console(stderr=True).status("compiling for this machine, once") as status:
         setup.build(lambda what: status.update(f"compiling for this machine, once ({what})"))
         status.update("writing C")
         exported = export_controller(
-            setup.problem, output, name=name or _name_of(file), options={**setup.options, "latency": setup.latency},
+            setup.declared, output, name=name or _name_of(file), options={**setup.options, "latency": setup.latency},
             low=setup.low_level, max_age=max_age,
         )  # fmt: skip
         status.update("recording a closed loop")
         recorder = exported.recorder()
         episode = setup.episode(recorder, recorder, seed)
-        (output / "check.bin").write_bytes(recorder.file())
+        write_whole(output / "check.bin", recorder.file())
         measured = None
         if check:
             status.update("building and checking")

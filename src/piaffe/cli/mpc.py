@@ -67,7 +67,9 @@ def mpc(
     payload: Annotated[float, typer.Option(help="Mass on the base of the plant, not of the problem's model [kg].")] = 0,
     command: Annotated[
         list[str] | None,
-        typer.Option(metavar="'vx=0.5@0 yaw=0.5@6'", help="Commands to the gait at times [s]: vx, vy, yaw, height."),
+        typer.Option(
+            metavar="'vx=0.5@0 yaw=0.5@6'", help="Commands to the gait at times [s]: vx, vy, yaw, height; motion=NAME."
+        ),
     ] = None,
     settle: Annotated[
         float, typer.Option(help="Time after each change of the command that does not count for its speed [s].")
@@ -103,7 +105,8 @@ def mpc(
 
     A success has no fall, an upright base at its end, and the commanded speed. A module-level
     `mpc = dict(period=..., iterations=...)` in FILE sets arguments of solvers.RecedingHorizon, and
-    `fall = models.Fall(...)` says what a fall is.
+    `fall = models.Fall(...)` says what a fall is. FILE may have several problems by name, a dict: --command
+    'motion=NAME@3' asks for another one.
     """
     if video is not None:
         from piaffe.viz import gl, is_sheet, picture_size

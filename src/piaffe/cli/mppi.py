@@ -15,7 +15,7 @@ from typer.core import TyperCommand, TyperOption
 from piaffe.errors import SamplingError
 
 from .arguments import FAILED
-from .reports import as_json, terminal
+from .reports import as_json, terminal, working
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -125,7 +125,8 @@ def mppi(
     settings |= more
     with redirect_stdout(sys.stderr) if json else nullcontext():
         declared = load_declared(file)
-        trial = prepare(declared, complete(declared, settings, "command line"), threads)
+        with working("compiling for this machine, once"):
+            trial = prepare(declared, complete(declared, settings, "command line"), threads)
     chosen = range(seeds) if seed is None else [seed]
     episodes = {}
     try:

@@ -11,7 +11,7 @@ import numpy as np
 from piaffe.errors import ModelError, ProblemError, UnknownNameError
 from piaffe.models import Fall, Robot, joints
 from piaffe.models import payload as mass_on_base
-from piaffe.ocp import Problem, compile_problem, is_same_time, load_problem_file
+from piaffe.ocp import Problem, compile_problem, is_same_time, load_problems_file
 from piaffe.simulation import (
     OnlineEpisode,
     Plant,
@@ -22,7 +22,7 @@ from piaffe.simulation import (
     parse_pushes,
     run_online,
 )
-from piaffe.solvers import FeedforwardPD, JointPD, LowLevel, Plan, RecedingHorizon, Riccati, Vwbc
+from piaffe.solvers import FeedforwardPD, JointPD, LowLevel, Motions, Plan, RecedingHorizon, Riccati, Vwbc
 
 from .online_settings import OnlineSettings
 
@@ -34,8 +34,8 @@ class OnlineSetup:
     """Planner, low level and plant of a file. What is wrong is refused before anything is compiled for the machine.
 
     Args:
-        problem: the declaration.
-        options: arguments of ``RecedingHorizon`` that the file has.
+        problem: the declaration, or several by name.
+        options: arguments of ``RecedingHorizon``, or of ``Motions`` for several, that the file has.
         file: the file, for errors.
         settings: the settings.
         fall: the file's definition of a fall; None for the usual one.
@@ -46,18 +46,21 @@ class OnlineSetup:
         UnknownNameError: there is no such option, joint or foot.
     """
 
-    mpc: RecedingHorizon
+    mpc: RecedingHorizon | Motions
 
     def __init__(
-        self, problem: Problem, options: Any, *, file: str, settings: OnlineSettings, fall: Any = None
-    ) -> None:
-        self.problem, self.settings = problem, settings
-        self.options, self.fall = _checked_options(options, file), _checked_fall(fall, file)
+        self, problem: Problem | dict[str, Problem], options: Any, *, file: str, settings: OnlineSettings,
+        fall: Any = None,
+    ) -> None:  # fmt: skip
+        self.declared, self.settings, self._planner = problem, settings, planner_of(problem)
+        self.options, self.fall = _checked_options(options, self._planner, file), _checked_fall(fall, file)
+        self.problem = problem if isinstance(problem, Problem) else _first_of(problem, self.options)
+        """The declaration; of several the first motion's."""
         own = float(self.options.pop("latency", 0.0))
         self.latency = own if settings.latency is None else settings.latency
         self.pushes, self.commands = parse_pushes(settings.push), parse_commands(settings.command)
-        _require_joints(problem, file)
-        compiled = compile_problem(problem, checks=False)
+        _require_joints(self.problem, file)
+        compiled = compile_problem(self.problem, checks=False)
         self.robot: Robot = declared_robot(compiled)
         self.ground, self.friction = declared_ground(compiled), declared_friction(compiled)
         self.variation = settings.variation
@@ -72,7 +75,7 @@ class OnlineSetup:
         Raises:
             PiaffeError: as above, or the file cannot be used.
         """
-        problem, module = load_problem_file(file, quiet=quiet)
+        problem, module = load_problems_file(file, quiet=quiet)
         return cls(
             problem, getattr(module, "mpc", {}), file=file, settings=settings, fall=getattr(module, "fall", None)
         )
@@ -107,13 +110,14 @@ class OnlineSetup:
             show: called with what is compiled next.
 
         Raises:
-            UnknownNameError: the gait has no such command.
+            UnknownNameError: the gait has no such command, or there is no such motion.
             SolverError: the quadratic program is not installed.
         """
         show("planner")
-        self.mpc = RecedingHorizon(self.problem, latency=self.latency, **self.options)
+        made: Any = self._planner  # of one motion or several
+        self.mpc = made(self.declared, latency=self.latency, **self.options)
         for command in self.commands:
-            self.mpc.horizon.checked_commands(command.values)
+            self.mpc.checked_commands(command.values)
         if self.latency > self.mpc.period:
             raise ModelError(
                 f"command line: latency is out of range - got {self.latency:g} s, expected at most the period of the "
@@ -143,7 +147,8 @@ class OnlineSetup:
         """What runs, in a line."""
         low, qp = self.settings.low, self.settings.qp or "own"
         named = f"{low} ({qp})" if low == "vwbc" else low
-        return f"mpc, {self.mpc.period * 1e3:g} ms, {self.mpc.iterations} iterations, low level {named}"
+        motions = f" of {', '.join(self.mpc.names)}" if isinstance(self.mpc, Motions) else ""
+        return f"mpc{motions}, {self.mpc.period * 1e3:g} ms, {self.mpc.iterations} iterations, low level {named}"
 
     def run(self, seed: int, progress: Callable[[float, float], None] | None = None) -> OnlineEpisode:
         """Return the episode of a seed, with a low level of its own; equal seeds return equal episodes."""
@@ -163,17 +168,30 @@ class OnlineSetup:
         )  # fmt: skip
 
 
-def _checked_options(options: Any, file: str) -> dict[str, Any]:
-    """Return the file's ``mpc``: arguments of RecedingHorizon by name."""
+def planner_of(problem: Problem | dict[str, Problem]) -> type[RecedingHorizon] | type[Motions]:
+    """Return the class that plans one problem, or several."""
+    return RecedingHorizon if isinstance(problem, Problem) else Motions
+
+
+def _first_of(problems: Mapping[str, Problem], options: Mapping[str, Any]) -> Problem:
+    """Return the problem of the first motion; Motions refuses an unknown one."""
+    return problems.get(options.get("start", ""), next(iter(problems.values())))
+
+
+def _checked_options(options: Any, planner: type[Any], file: str) -> dict[str, Any]:
+    """Return the file's ``mpc``: arguments of RecedingHorizon, or of Motions, by name."""
+    name_of = planner.__name__
     if not isinstance(options, Mapping):
         raise ProblemError(
             f"file '{file}', name 'mpc': is not a dict - got {type(options).__name__}, expected arguments of "
-            "solvers.RecedingHorizon by name; write mpc = dict(period=0.02)"
+            f"solvers.{name_of} by name; write mpc = dict(period=0.02)"
         )
     known = [name for name in inspect.signature(RecedingHorizon).parameters if name != "problem"]
+    if planner is Motions:
+        known += [name for name in inspect.signature(Motions).parameters if name not in ("problems", "options")]
     for name in options:
         if name not in known:
-            raise UnknownNameError(f"file '{file}', name 'mpc'", "argument of RecedingHorizon", str(name), known)
+            raise UnknownNameError(f"file '{file}', name 'mpc'", f"argument of {name_of}", str(name), known)
     return dict(options)
 
 

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from .arguments import Saved
+from piaffe.errors import ProblemError
 
-SHEET = (3, 2)  # columns and rows of a picture of single moments
+from .arguments import Saved
+from .reports import working
 
 
 def plot(
@@ -26,7 +27,9 @@ def plot(
 
     require_picture(output)
     check_destination(output)
-    print(f"saved {draw(Solution.load(solution), output, title=title, dpi=dpi)}")
+    with working("drawing"):
+        saved = draw(Solution.load(solution), output, title=title, dpi=dpi)
+    print(f"saved {saved}")
 
 
 def video(
@@ -54,30 +57,72 @@ def video(
     ] = None,
 ) -> None:
     """Film a solution, rendered off screen by MuJoCo: the planned motion, or a simulation of the policy."""
-    from piaffe.viz import cuts_of, gl, is_sheet, picture_size
+    from piaffe.viz import film, gl, is_sheet, picture_size
 
     shape = picture_size(size)
-    pictures_only = is_sheet(output)
+    is_sheet(output)
     gl.prepare()  # before MuJoCo is imported
 
     from piaffe.files import check_destination
     from piaffe.solvers import Solution
-    from piaffe.viz import Playback, Studio, sheet, write
 
     check_destination(output)
-    playback = Playback(Solution.load(solution))
-    cuts, result = cuts_of(playback, speed or [1.0], ghost=ghost, simulated=simulated, mu=friction)
+    made, result = film(
+        Solution.load(solution), output, speeds=speed or [1.0], ghost=ghost, simulated=simulated, friction=friction,
+        size=shape, fps=fps, azimuth=azimuth, distance=distance,
+    )  # fmt: skip
     if result:
         print(result)
-    columns, rows = SHEET if pictures_only else (1, 1)
-    studio = Studio(
-        playback.robot, (shape[0] // columns, shape[1] // rows), azimuth=azimuth, distance=distance,
-        spec=playback.scene(),
-    )  # fmt: skip
-    if pictures_only:
-        print(f"saved {sheet(output, studio, cuts[0], playback.feet, columns=columns, rows=rows)}")
+    print(f"saved {made}")
+
+
+def pose(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="A robot's name, or a URDF file.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="P.png", help="Picture to write.")],
+    joints: Annotated[
+        str, typer.Option(help="A pose's name, or angles by label: 'HAA=0.1 FL_KFE=-1.2' [rad]; the others stand.")
+    ] = "stand",
+    rpy: Annotated[str, typer.Option(help="Roll, pitch and yaw of the base [rad], separated by commas.")] = "0,0,0",
+    feet: Annotated[str | None, typer.Option(help="Frames of the feet of a URDF, separated by commas.")] = None,
+    size: Annotated[str, typer.Option(metavar="WxH", help="Width and height in pixels.")] = "960x720",
+    azimuth: Annotated[float, typer.Option(help="Direction of view about the vertical [degree].")] = 60.0,
+) -> None:
+    """Draw a robot in a pose, with its lowest foot on the ground."""
+    from piaffe.viz import gl, is_sheet, picture_size
+
+    shape = picture_size(size)
+    if not is_sheet(output):
+        raise ProblemError(f"pose: '{output}' is a film - got '.mp4', expected a picture; change the ending to '.png'")
+    gl.prepare()  # before MuJoCo is imported
+
+    from piaffe import models
+    from piaffe.files import check_destination
+    from piaffe.viz import picture, save_picture
+
+    check_destination(output)
+    loaded = models.load(robot) if feet is None else models.load(robot, feet=feet.split(","))
+    angles: object = _angles(joints) if "=" in joints else joints
+    if loaded.base == "free":
+        state = models.WholeBody(loaded).state(joints=angles, rpy=_numbers(rpy, "--rpy", 3))
     else:
-        print(f"saved {write(output, studio, cuts, playback.feet, fps=fps)}")
+        state = loaded.pose(angles)
+    print(f"saved {save_picture(picture(loaded, state, size=shape, azimuth=azimuth), output)}")
+
+
+def _angles(text: str) -> dict[str, float]:
+    """Return the angles of ``"HAA=0.1 FL_KFE=-1.2"`` by label."""
+    pairs = [entry.partition("=") for entry in text.replace(",", " ").split()]
+    return {label: _numbers(value, f"--joints {label}", 1)[0] for label, _, value in pairs}
+
+
+def _numbers(text: str, what: str, count: int) -> list[float]:
+    try:
+        found = [float(each) for each in text.split(",")]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        raise ProblemError(f"{what}: is unusable - got '{text}', expected {count} numbers; separate them by commas")
+    return found
 
 
 def view(

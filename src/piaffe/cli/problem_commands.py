@@ -2,69 +2,44 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from piaffe.errors import PiaffeError
 
 from .arguments import FAILED, File, Json, Saved
-from .reports import plain, terminal
+from .reports import plain, terminal, working
 
 
-def describe(file: File) -> None:
+def describe(
+    file: File,
+    pictures: Annotated[
+        Path | None,
+        typer.Option(metavar="P.png", help="Also draw each keyframe; feet that are off the ground have a red mark."),
+    ] = None,
+) -> None:
     """Print the compiled phases, the models in which each term is bound (or why it is not), and warnings."""
+    if pictures is not None:
+        from piaffe.files import check_destination
+        from piaffe.viz import gl, require_picture
+
+        require_picture(pictures)
+        check_destination(pictures)
+        gl.prepare()  # before the problem's file imports MuJoCo
+
     from piaffe.ocp import compile_problem, load_problem
     from piaffe.ocp import describe as text
 
-    print(text(compile_problem(load_problem(file))))
+    problem = load_problem(file)
+    with working("compiling the problem"):
+        told = text(compile_problem(problem))
+    print(told)
+    if pictures is not None:
+        from piaffe.viz import keyframes, save_picture
 
-
-def solve(
-    file: File,
-    save: Annotated[Path | None, typer.Option(metavar="R.npz", help="Save the solution, converged or not.")] = None,
-    json: Json = False,
-    max_iterations: Annotated[int | None, typer.Option(min=1, help="Largest number of iterations.")] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Time limit [s].")] = None,
-    warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Start from a saved solution.")] = None,
-    backend: Annotated[str, typer.Option(help="native (compiled C) or numpy (the readable reference).")] = "native",
-) -> None:
-    """Solve a problem, with a live table of iterations. Exit code 1 if it does not converge."""
-    if save is not None:
-        from piaffe.files import check_destination
-
-        check_destination(save)
-
-    from piaffe.ocp import load_problem
-    from piaffe.solvers import Options, Solution
-    from piaffe.viz import LiveTable, start_solver
-
-    from .reports import as_json, print_solution, solution_values
-
-    problem = load_problem(file, quiet=json)
-    limits: dict[str, Any] = {"max_iterations": max_iterations, "time_limit_s": time_limit}
-    settings = replace(Options(), **{key: value for key, value in limits.items() if value is not None})
-    start = None if warm_start is None else Solution.load(warm_start)
-    began = time.perf_counter()
-    solver = start_solver(problem, settings, backend)
-    if json:
-        solution = solver.solve(start)
-    else:
-        with LiveTable(settings) as table:
-            solution = solver.solve(start, progress=table)
-    wall_s = time.perf_counter() - began
-    if json:
-        print(as_json(solution_values(solution, wall_s)))
-    else:
-        print_solution(terminal(), solution, wall_s)
-    if save is not None:  # after the summary, which is not lost if the disk is full by now
-        saved = solution.save(save)
-        if not json:
-            print(f"saved {saved}")
-    raise typer.Exit(0 if solution.converged else FAILED)
+        print(f"saved {save_picture(keyframes(problem), pictures)}")
 
 
 def verify(
@@ -94,8 +69,10 @@ def verify(
     from .reports import as_json, print_execution, print_verification, simulation_values, verification_values
 
     loaded = Solution.load(solution)
-    compiled = compile_problem(load_problem(file, quiet=json), checks=False)
-    result = recompute(compiled, loaded.trajectory)
+    problem = load_problem(file, quiet=json)
+    with working("compiling the problem"):
+        compiled = compile_problem(problem, checks=False)
+        result = recompute(compiled, loaded.trajectory)
     values = verification_values(compiled, loaded.trajectory, result)
     if not json:
         print_verification(terminal(), result, values)
@@ -105,7 +82,8 @@ def verify(
 
         chosen = range(first_seed, first_seed + seeds)
         starts = Perturbation().scaled(perturbation)
-        run = execute(loaded, compiled, seeds=chosen, friction=friction, perturbation=starts)
+        with working(f"simulating {seeds} starts"):
+            run = execute(loaded, compiled, seeds=chosen, friction=friction, perturbation=starts)
         values["simulation"], played = simulation_values(run), run.holds
         if not json:
             print_execution(terminal(), run)
@@ -127,19 +105,24 @@ def check(
     from .reports import print_derivatives, print_dimensions
 
     console = terminal()
-    compiled = compile_problem(load_problem(file), checks=False)
+    problem = load_problem(file)
     failures = 0
-    try:
-        check_guess(compiled)
-    except PiaffeError as error:
-        failures += 1
-        console.print(f"[bold red]error:[/] {plain(str(error))}", soft_wrap=True)
-    checks = check_derivatives(compiled, points=points, seed=seed)
+    with working("compiling the problem") as status:
+        compiled = compile_problem(problem, checks=False)
+        try:
+            check_guess(compiled)
+        except PiaffeError as error:
+            failures += 1
+            console.print(f"[bold red]error:[/] {plain(str(error))}", soft_wrap=True)
+        status.update("comparing derivatives with finite differences")
+        checks = check_derivatives(compiled, points=points, seed=seed)
+        status.update("looking for mistakes")
+        warnings = find_warnings(compiled)
     failures += sum(not each.agrees for each in checks)
     print_derivatives(console, checks)
     console.print()
     print_dimensions(console, *report(compiled))
-    for warning in find_warnings(compiled):
+    for warning in warnings:
         console.print(f"[bold yellow]warning:[/] {plain(str(warning))}", highlight=False, soft_wrap=True)
     agreed = sum(each.agrees for each in checks)
     colour = "red" if failures else "green"

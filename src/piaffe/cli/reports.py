@@ -9,6 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.status import Status
 from rich.table import Table
 
 if TYPE_CHECKING:
@@ -33,6 +34,11 @@ def terminal(*, stderr: bool = False) -> Console:
     """Return the console for the output: as wide as the terminal, or, in a log, wide enough for the tables."""
     console = Console(stderr=stderr, highlight=False)
     return console if console.is_terminal else Console(stderr=stderr, highlight=False, width=_LOG_WIDTH)
+
+
+def working(what: str) -> Status:
+    """Return a context that shows on standard error what is done, if that is a terminal."""
+    return Console(stderr=True).status(what)
 
 
 def plain(text: str) -> str:

@@ -18,7 +18,7 @@ from .online_task import OnlineTask
 MPC = "mpc"
 _OWN = ("joints", "feet")  # in a study's file, `names` is the file that holds both
 _FILES = ("plant", "names")
-_NESTED = ("stretches", "collisions", "plan_statuses", "deadlines")  # columns of a table are no lists
+_NESTED = ("stretches", "collisions", "plan_statuses", "deadlines", "motions")  # columns of a table are no lists
 
 
 class MpcRunner:
@@ -58,8 +58,9 @@ class MpcRunner:
         task = OnlineTask(spec, self._located(settings, folder))
         row = online_row(seed, task(seed), task.settings)
         figures = {name: value for name, value in row.items() if name not in (*_NESTED, "seed")}
-        mpc = task.setup().mpc
-        return figures, {"period_s": mpc.period, "iterations": mpc.iterations, "dt_s": mpc.horizon.dt}
+        setup = task.setup()
+        dt = setup.problem.schedule.segments[0].dt
+        return figures, {"period_s": setup.mpc.period, "iterations": setup.mpc.iterations, "dt_s": dt}
 
     def _located(self, settings: Mapping[str, Any], folder: Path) -> OnlineSettings:
         """Return the settings with the paths and names that an episode needs."""

@@ -144,11 +144,11 @@ class Cache:
         try:
             manifest = json.loads(path.read_bytes())
             used = path.stat().st_mtime
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             manifest, used = {}, 0.0
         if not folder.is_dir():
             return None
-        return Entry(folder, manifest if isinstance(manifest, dict) else {}, _size(folder), used)
+        return Entry(folder, manifest if _is_plain(manifest) else {}, _size(folder), used)
 
     # ---- storing
 
@@ -298,6 +298,17 @@ class Cache:
             return 0
         shutil.rmtree(away, ignore_errors=True)
         return 1
+
+
+def _is_plain(manifest: Any) -> bool:
+    """Return whether a manifest has the kinds of entries that are shown."""
+    if not isinstance(manifest, dict):
+        return False
+    texts = [manifest.get(key, "") for key in ("label", "compiler", "cpu_name")]
+    numbers = [manifest.get(key, 0.0) for key in ("built_at", "seconds")]
+    return all(isinstance(each, str) for each in texts) and all(
+        isinstance(each, int | float | None) and not isinstance(each, bool) for each in numbers
+    )
 
 
 def fault_of(entry: Entry, cpu: Cpu) -> str:

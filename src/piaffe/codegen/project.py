@@ -130,7 +130,7 @@ _OWN_MATH = files(__package__).joinpath("own_math.h").read_text(encoding="utf-8"
 
 
 def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
-    """Write files into a folder, by their paths in it.
+    """Write files into a folder, by their paths in it; equal ones stay as they are, so that make need not build anew.
 
     Raises:
         SolverError: the folder cannot be written.
@@ -138,8 +138,11 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
     try:
         for path, content in contents.items():
             target = folder / path
+            data = content.encode() if isinstance(content, str) else content
+            if target.is_file() and target.read_bytes() == data:
+                continue
             target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(content.encode() if isinstance(content, str) else content)
+            target.write_bytes(data)
     except OSError as error:
         raise SolverError(
             f"export: '{folder}' cannot be written - got {error.strerror or error}, expected a folder with space for "

@@ -31,13 +31,25 @@ class CacheWarning(UserWarning):
 def distrust(path: Path, top: Path) -> str:
     """Return in a few words why somebody else may change a file or a folder; empty if nobody can.
 
-    The path and its parents up to the top are examined; those that do not exist yet are not. A folder may belong to
-    root, a file not. Others can write what their group or everybody may write, unless the group is the user's own.
+    The path and its parents up to the top are examined; those that do not exist yet are not. Where a link leads out of
+    the top, all parents of its target are examined, too. A folder may belong to root, a file not. Others can write what
+    their group or everybody may write, unless the group is the user's own.
 
     Args:
         path: the file or folder, below the top or the top itself.
         top: the last parent to examine.
     """
+    try:
+        real, end = path.resolve(), top.resolve()
+    except (OSError, RuntimeError) as error:  # a circle of links
+        return f"'{path}' cannot be examined ({error})"
+    fault = _distrust(path, top)
+    if not fault and (real, end) != (path, top):
+        fault = _distrust(real, end if real.is_relative_to(end) else Path(real.anchor))
+    return fault
+
+
+def _distrust(path: Path, top: Path) -> str:
     own = os.geteuid()
     for each in (path, *path.parents):
         try:

@@ -27,7 +27,24 @@ def whole_file(path: Path) -> Iterator[Path]:
 
     Args:
         path: the file; the temporary path has the same suffix.
+
+    Raises:
+        FileWriteError: it cannot be written; the operating system's errors do not name it.
     """
+    try:
+        with _replacing(path) as temporary:
+            yield temporary
+    except FileWriteError:
+        raise
+    except OSError as error:
+        raise FileWriteError(
+            f"file '{path}': cannot be written - got {error.strerror or error}, expected a folder that you may write, "
+            "with free space; choose another path"
+        ) from error
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_left_over(path)
     temporary = path.with_name(_temporary_name(path))  # mkstemp ignores the umask
@@ -48,7 +65,7 @@ def write_whole(path: Path, content: bytes) -> None:
             file that the message names, if one can be written.
     """
     try:
-        with whole_file(path) as temporary, temporary.open("xb") as stream:
+        with _replacing(path) as temporary, temporary.open("xb") as stream:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
@@ -72,7 +89,7 @@ def check_destination(path: Path) -> None:
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "a folder")
-        with whole_file(path.with_name(f"{path.name}.probe")) as probe:
+        with _replacing(path.with_name(f"{path.name}.probe")) as probe:
             probe.write_bytes(_PROBE)
             descriptor = os.open(probe, os.O_RDONLY)
             try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -32,12 +32,18 @@ class PlanLog:
         seconds: time of the thread's processor that each took (P,) [s].
         iterations: of the planner (P,); NaN where a plan does not say.
         statuses: of the plans; empty where a plan does not say.
+        acting: time from which each plan acted (P,) [s].
+        motions: the motion of each plan, of several, see ``solvers.Motions``; empty for planners of one.
+        requests: per plan, the motion that was asked for and had not begun, or an empty text; empty as ``motions``.
     """
 
     times: Array
     seconds: Array
     iterations: Array
     statuses: tuple[str, ...]
+    acting: Array = field(default_factory=lambda: np.zeros(0))
+    motions: tuple[str, ...] = ()
+    requests: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +122,15 @@ class OnlineEpisode:
         return not self.fell and self.upright
 
     @cached_property
+    def motions(self) -> tuple[tuple[float, str], ...]:
+        """The motions in their order, each with the time from which it acted [s]; empty for planners of one."""
+        found: list[tuple[float, str]] = []
+        for time, motion in zip(self.plans.acting, self.plans.motions, strict=False):
+            if not found or found[-1][1] != motion:
+                found.append((float(time), motion))
+        return tuple(found)
+
+    @cached_property
     def touching(self) -> NDArray[np.bool_]:
         """Which feet were on the ground (T, nf)."""
         return np.asarray(self.forces[:, :, 2] >= self.least_force)
@@ -181,6 +196,7 @@ class OnlineEpisode:
             "collisions": dict(self.collisions),
             "touchdowns": len(self.touchdowns), "touchdowns_without": len(self.touchdowns) - len(late),
             "deadlines": None if self.deadlines is None else asdict(self.deadlines),
+            "motions": [[time, name] for time, name in self.motions],
             "plan_statuses": {name: self.plans.statuses.count(name) for name in dict.fromkeys(self.plans.statuses)},
         }  # fmt: skip
         figures = {

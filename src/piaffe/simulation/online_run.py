@@ -77,9 +77,10 @@ class OnlineRun:
             },
             every,
         )  # fmt: skip
-        self._plans: list[tuple[float, float, float, str]] = []
+        self._plans: list[tuple[float, float, float, str, str, str, float]] = []
         self._collisions: dict[str, float] = {}
         self._acting, self._made = self._planner is None, np.nan
+        self._waits: MadePlan | None = None
         self._step, self._control, self._recorded = 0, np.zeros(nu), False
         self._sensed, self._estimate, self._before = -1, x, (x, np.nan)
         self._counts = {name: getattr(self._low, name, 0) for name in _COUNTED}
@@ -105,27 +106,37 @@ class OnlineRun:
         if self.planning.ask(x, t, due):
             self._commands = self._commands[len(due) :]
             for command in due:
-                self._asked.update({name: value for name, value in command.values.items() if name in _VELOCITY})
+                self._asked.update({n: float(value) for n, value in command.values.items() if n in _VELOCITY})
         if self._loop is not None and self.clock is not None:
-            self._note(self.planning.take())  # the first one, which was made before the clock starts
+            self._note(self.planning.take(), t)  # the first one, which was made before the clock starts
         return x
 
     def plan(self, x: Array, t: float) -> None:
-        """Follow the plan that was asked for, if it is ready; a loop does so itself, from the first one on."""
+        """Take the plan that was asked for, if it is ready; a loop does so itself, from the first one on."""
         made = None if self.planning is None or (self._loop is not None and self._acting) else self.planning.take()
-        if made is not None:
-            if self._loop is None:
-                self._low.follow(made.plan)
-            self._note(made)
+        self._waits = made or self._waits
+        self._follow(t)
 
-    def _note(self, made: MadePlan | None) -> None:
-        """Note that a plan acts from now on."""
+    def _follow(self, t: float) -> None:
+        """Follow the plan that waits, from its start on."""
+        made = self._waits
+        if made is None or float(getattr(made.plan, "start", t)) > t + SAME_TIME:
+            return
+        self._waits = None
+        if self._loop is None:
+            self._low.follow(made.plan)
+        self._note(made, t)
+
+    def _note(self, made: MadePlan | None, t: float) -> None:
+        """Note that a plan acts from time t on [s]."""
         if made is None:
             return
         self._acting, self._made = True, made.time
         self._contacts = planned_contacts(self._low, None if self._loop is not None else made.plan)
         status, iterations = getattr(made.plan, "status", ""), getattr(made.plan, "iterations", np.nan)
-        self._plans.append((made.time, made.seconds, float(iterations), str(getattr(status, "name", status))))
+        motion, request = (str(getattr(made.plan, name, "")) for name in ("motion", "request"))
+        name = str(getattr(status, "name", status))
+        self._plans.append((made.time, made.seconds, float(iterations), name, motion, request, t))
 
     def run_in(self, loop: LoopLike) -> None:
         """Let a loop, which runs, make plans and ticks."""
@@ -148,6 +159,7 @@ class OnlineRun:
 
     def _tick(self, x: Array, t: float) -> None:
         self._complete()
+        self._follow(t)
         self.fault = self._fault_of(x)
         if self.fault:
             return
@@ -160,7 +172,7 @@ class OnlineRun:
             seconds = thread_time() - begin
             if self._loop is not None and self.planning is not None:
                 seconds -= self._loop.planning_seconds
-                self._note(self.planning.take())
+                self._note(self.planning.take(), t)
         else:
             control = self.hold(x, t)
         self._control = np.asarray(control, dtype=float)
@@ -249,7 +261,11 @@ class OnlineRun:
             commands = planned_velocity(getattr(self._low, "plan", None), log["times"])
         made = self._plans
         times, each, iterations = (np.array([row[i] for row in made], dtype=float) for i in range(3))
-        plans = PlanLog(times, each, iterations, tuple(row[3] for row in made if row[3]))
+        plans = PlanLog(
+            times, each, iterations, tuple(row[3] for row in made if row[3]),
+            np.array([row[6] for row in made], dtype=float), tuple(row[4] for row in made if row[4]),
+            tuple(row[5] for row in made if row[4]),
+        )  # fmt: skip
         tables = ("times", "states", "estimates", "controls", "torques", "forces", "slips", "planned", "ages")
         counts = {name: getattr(self._low, name, 0) - before for name, before in self._counts.items()}
         return OnlineEpisode(

@@ -17,7 +17,9 @@ class Planner(Protocol):
     ahead and to the left [m/s] and yaw rate [rad/s] at a time, with which figures compare;
     ``running(low, thread=..., latency=...)`` returns a :class:`LoopLike`, which makes plans and ticks if planner and
     low level have a ``backend`` that is ``"native"``.
-    A plan may have ``iterations`` and ``status``, and what :func:`planned_contacts` reads.
+    A plan may have ``iterations`` and ``status``, and what :func:`planned_contacts` reads; ``start``, the time from
+    which it acts, if that is later than the latency after its state [s]; and ``motion`` and ``request``, the name of
+    its motion and of the one that is asked for.
     """
 
     @property

@@ -22,13 +22,18 @@ if TYPE_CHECKING:  # for type checkers and import-linter; at run time `_MODULES`
     from .episode_film import film_episode as film_episode
     from .figure import plot as plot
     from .figure import require_picture as require_picture
-    from .film import sheet as sheet
-    from .film import write as write
+    from .films import sheet as sheet
+    from .films import write as write
     from .online_figure import plot_online as plot_online
     from .online_film import film_online as film_online
     from .playback import Playback as Playback
+    from .poses import keyframes as keyframes
+    from .poses import picture as picture
+    from .poses import save_picture as save_picture
+    from .poses import strip as strip
     from .progress import LiveTable as LiveTable
     from .simulated import simulate as simulate
+    from .solution_film import film as film
     from .studio import Studio as Studio
     from .study_figures import draw_study as draw_study
     from .viewer import show as show
@@ -44,13 +49,18 @@ else:
         "film_episode": "episode_film",
         "plot": "figure",
         "require_picture": "figure",
-        "sheet": "film",
-        "write": "film",
+        "sheet": "films",
+        "write": "films",
         "plot_online": "online_figure",
         "film_online": "online_film",
         "Playback": "playback",
+        "keyframes": "poses",
+        "picture": "poses",
+        "save_picture": "poses",
+        "strip": "poses",
         "LiveTable": "progress",
         "simulate": "simulated",
+        "film": "solution_film",
         "Studio": "studio",
         "draw_study": "study_figures",
         "show": "viewer",

@@ -7,6 +7,7 @@ import warnings
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 
 from piaffe.codegen import NoCompilerWarning
 from piaffe.errors import PiaffeWarning
@@ -40,5 +41,8 @@ def start_solver(problem: Problem, options: Options, backend: str) -> MSiLQR:
         def show(done: int, steps: int, what: str) -> None:
             status.update(f"compiling for this machine, once: {done} of {steps} ({what})")
 
+        def show_phases(done: int, phases: int, phase: str) -> None:
+            status.update(f"compiling the problem: {done} of {phases} phases ({escape(phase)})")
+
         warnings.showwarning = print_warning
-        return MSiLQR(problem, options, backend=backend, building=show)  # type: ignore[arg-type]  # checked there
+        return MSiLQR(problem, options, backend=backend, compiling=show_phases, building=show)  # type: ignore[arg-type]

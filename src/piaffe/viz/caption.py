@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 from .playback import Snapshot
 from .style import INK, LEGS
 
-_FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+FONT = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 _OFF = "#8A8F98"
 
 
@@ -28,8 +28,8 @@ class Caption:
     def __init__(self, size: tuple[int, int], feet: Sequence[str]) -> None:
         self.size, self.feet = size, feet
         self.unit = size[1] / 36
-        self.font = ImageFont.truetype(str(_FONT), round(self.unit))
-        self.small = ImageFont.truetype(str(_FONT), round(0.72 * self.unit))
+        self.font = ImageFont.truetype(str(FONT), round(self.unit))
+        self.small = ImageFont.truetype(str(FONT), round(0.72 * self.unit))
 
     def write(self, picture: NDArray[np.uint8], shown: Snapshot, speed: float, note: str = "") -> NDArray[np.uint8]:
         """Return a picture at its finished size with the caption on it.

@@ -10,7 +10,7 @@ import numpy as np
 
 from piaffe.errors import ProblemError
 
-from .film import Cut
+from .films import Cut
 from .playback import Playback, Snapshot
 from .simulated import simulate
 

@@ -10,7 +10,7 @@ import numpy as np
 from piaffe.simulation import Episode, foot_forces
 
 from .cuts import nearest
-from .film import Cut, sheet, write
+from .films import Cut, sheet, write
 from .playback import Snapshot
 from .studio import Studio
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from matplotlib import rc_context
@@ -16,7 +17,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
 from piaffe.errors import FileFormatError
-from piaffe.files import whole_file
+from piaffe.files import write_whole
 from piaffe.ocp import SAME_TIME
 
 from .curves import Panel, feet_of, forces, panels, stance_feet
@@ -34,25 +35,32 @@ Array = NDArray[np.float64]
 COLUMNS = 4
 
 
-def plot(solution: Solution, path: Path, *, title: str = "", dpi: int = 150) -> Path:
-    """Draw a solution into an image or PDF file; return its path.
+@overload
+def plot(solution: Solution, *, title: str = "") -> Figure: ...
+@overload
+def plot(solution: Solution, path: str | Path, *, title: str = "", dpi: int = 150) -> Path: ...
+def plot(solution: Solution, path: str | Path | None = None, *, title: str = "", dpi: int = 150) -> Figure | Path:
+    """Return the figure of a solution, or draw it into an image or PDF file and return the path.
 
     Args:
         solution: the solution.
-        path: the file; its suffix selects the format.
+        path: the file; its suffix selects the format. None for the figure itself.
         title: title of the figure; by default the names of the models.
         dpi: pixels per inch.
     """
-    require_picture(path)
+    if path is None:
+        return draw(solution, title)
+    require_picture(Path(path))
     with rc_context(RC):
-        figure = draw(solution, title)
-        return save_figure(figure, path, dpi)
+        return save_figure(draw(solution, title), Path(path), dpi)
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 150) -> Path:
     """Write a figure into a file, atomically; return its path."""
-    with rc_context(RC), whole_file(path) as temporary:
-        figure.savefig(temporary, dpi=dpi)
+    content = BytesIO()
+    with rc_context(RC):
+        figure.savefig(content, dpi=dpi, format=path.suffix.removeprefix(".") or "png")
+    write_whole(path, content.getvalue())
     return path
 
 

@@ -12,7 +12,7 @@ from piaffe.models.terrain import Flat
 from piaffe.simulation import OnlineEpisode, Plant
 
 from .cuts import nearest
-from .film import Cut, sheet, write
+from .films import Cut, sheet, write
 from .playback import Snapshot
 from .studio import Studio
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import TracebackType
 from typing import Any, Self
 
@@ -95,12 +96,15 @@ class Studio:
             corners += [centre - half, centre + half]
         return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
 
-    def picture(self, shown: Snapshot, look_at: Array) -> NDArray[np.uint8]:
+    def picture(
+        self, shown: Snapshot, look_at: Array, marked: Mapping[str, tuple[float, float, float, float]] | None = None
+    ) -> NDArray[np.uint8]:
         """Return a picture of a snapshot, (height, width, 3), at the size in which it is drawn.
 
         Args:
             shown: the snapshot.
             look_at: the point in the middle of the picture, (3,) [m].
+            marked: name of a foot → colour of a ball around it.
         """
         self.data.qpos[:] = shown.qpos
         self.mujoco.mj_forward(self.model, self.data)
@@ -111,6 +115,8 @@ class Studio:
         for foot, force, leg in zip(self.robot.feet, shown.forces, range(len(shown.forces)), strict=False):
             if np.linalg.norm(force) > 0.01 * self.weight:
                 self._add_arrow(self.data.site(foot.name).xpos, force, LEGS[leg % len(LEGS)])
+        for name, colour in (marked or {}).items():
+            self._add_ball(self.data.site(name).xpos, colour)
         return np.asarray(self.renderer.render())
 
     def _add_ghost(self, qpos: Array) -> None:
@@ -125,6 +131,15 @@ class Studio:
         for i in range(first, scene.ngeom):
             scene.geoms[i].rgba[:] = _GHOST
             scene.geoms[i].matid, scene.geoms[i].transparent = -1, 1
+
+    def _add_ball(self, at: Array, colour: tuple[float, float, float, float]) -> None:
+        """Add a ball around a point."""
+        mujoco, scene = self.mujoco, self.renderer.scene
+        radius, rgba = np.full(3, 0.035 * self.length), np.array(colour, dtype=np.float32)
+        mujoco.mjv_initGeom(
+            scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_SPHERE, radius, np.asarray(at), np.eye(3).ravel(), rgba
+        )
+        scene.ngeom += 1
 
     def _add_arrow(self, at: Array, force: Array, colour: str) -> None:
         """Add an arrow for a force; a force equal to the robot's weight has 0.6 of the robot's size."""

@@ -83,7 +83,7 @@ def build(trot: Trot, base: Path) -> None:
             shutil.copytree(trot.folder / "build", kept)
             return
     shutil.copytree(kept, trot.folder / "build", copy_function=shutil.copyfile)  # newer than the sources
-    for name in ("libtrot.a", "libtrot.so", "check"):  # in the order of make
+    for name in (f"lib{trot.exported.name}.a", f"lib{trot.exported.name}.so", "check"):  # in the order of make
         os.utime(trot.folder / "build" / name)
     (trot.folder / "build" / "check").chmod(0o755)
 
@@ -98,7 +98,7 @@ class InSimulation:
     def reset(self) -> None:
         self.began = False
 
-    def command(self, **values: float) -> None:
+    def command(self, **values: object) -> None:
         assert self.controller.command(**values) == 0
 
     def plan(self, x: np.ndarray, t: float) -> None:

@@ -118,12 +118,44 @@ def test_the_readme_names_states_torques_and_forces(trot: Trot) -> None:
         assert not re.search(r"\bNAME\b|@[A-Z]+@", own), path
 
 
-def test_stack_and_memory_are_bounded(trot: Trot) -> None:
+def test_the_header_names_entries_orders_and_periods(trot: Trot) -> None:
+    text = (trot.folder / "include" / "trot.h").read_text()
+    for words in (
+        "for the robot mini_cheetah", "0 to 2  base.position [m]: x, y, z", "7 to 18  joints.position [rad]: FL_HAA, ",
+        "3 to 6  base.orientation [1]: w, x, y, z", "#define TROT_PERIOD 0.02", "#define TROT_LATENCY 0.0",
+        "in the order FL x, FL y, FL z, FR x,", "those declared: speed 0.5, lateral_speed 0,",
+    ):  # fmt: skip
+        assert words in text
+    assert max(map(len, text.splitlines())) <= 190
+
+
+def test_what_a_unit_includes_makes_it_old(trot: Trot) -> None:
+    assert "src/" not in trot.make("-n", "build/libtrot.a").stdout
+    told = trot.make("-n", "-W", "src/solver/riccati.inc", "build/libtrot.a").stdout
+    assert "src/solver/mode0.c" in told
+    assert "src/solver/riccati.inc" not in told
+
+
+def test_memory_is_bounded(trot: Trot) -> None:
     c = trot.module.load(trot.module.LIBRARY)
     size = c.trot_memory_size()
-    assert size < 5 << 20
+    assert size <= 4_000_000
     told = json.loads((trot.folder / "manifest.json").read_text())["memory_bytes_about"]
     assert abs(told - size) < 0.02 * size
+
+
+def test_calls_need_less_stack_than_is_stated(trot: Trot, tmp_path: Path) -> None:
+    initial = ", ".join(map(repr, trot.exported.mpc.initial.tolist()))
+    text = Path(__file__).with_name("stack.c").read_text().replace("@INITIAL@", initial)
+    (tmp_path / "stack.c").write_text(text)
+    words = ["-std=c11", "-Wall", "-Wextra", "-Werror", f"-I{trot.folder}/include", "stack.c"]
+    library = [str(trot.folder / "build" / "libtrot.a"), "-lm", "-pthread", "-o", "stack"]
+    subprocess.run([shutil.which("cc") or "gcc", *words, *library], cwd=tmp_path, check=True)
+    told = subprocess.run([str(tmp_path / "stack")], capture_output=True, text=True, check=True).stdout
+    stated = json.loads((trot.folder / "manifest.json").read_text())["stack_bytes"]
+    used = [int(each) for each in re.findall(r"\d+", told)]
+    assert len(used) == 3
+    assert all(4096 < each <= stated for each in used), told
 
 
 def test_names_that_are_no_identifiers_are_refused(trot: Trot, tmp_path: Path) -> None:

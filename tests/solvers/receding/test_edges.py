@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from piaffe import models, ocp, solvers
+from piaffe import PiaffeWarning, models, ocp, solvers
 from piaffe.errors import ProblemError
 from piaffe.models import base, joints, stance
 from tests import balls
@@ -40,7 +40,7 @@ def test_a_time_that_is_no_time_is_refused(backend, t):
 def needs(mpc, k):
     """Bytes of the solver's memory, numbers and entries of a plan that begins at tick k."""
     memory, found = mpc._native.memory, (c_size_t(), c_long(), c_long())
-    memory.tables.library.receding_sizes(byref(memory.c), c_long(k), *map(byref, found))
+    memory.code.library.receding_sizes(byref(memory.c), c_long(k), *map(byref, found))
     return [each.value for each in found]
 
 
@@ -199,3 +199,22 @@ def test_a_state_measured_at_a_touchdown_lands_before_it_is_predicted(backend):
         starts.append(plan.world(plan.parts[0].states[0]))
     assert np.abs(x - landed).max() > 0.5
     assert np.allclose(*starts, atol=1e-6)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_likely_mistakes_are_named_before_the_first_plan(backend):
+    short = ocp.Motion(balls.phase("blink", 0.02, 1.0), balls.phase("rest", 0.3, 1.0))
+    schedule = balls.ball().over(0.2, dt=0.01)
+    with pytest.warns(PiaffeWarning, match=r"phase 'blink' .*few steps - got 2 of 0\.01 s") as found:
+        mpc = solvers.RecedingHorizon(balls.problem(short, schedule), backend=backend)
+    assert [str(each.message) for each in found] == [str(each) for each in mpc.warnings]
+    assert found[0].filename == mpc.warnings[0].source.file
+    assert planner(backend=backend).warnings == []
+
+
+def test_a_control_without_cost_is_refused_before_the_first_plan():
+    declared = balls.problem(motion(), balls.ball().over(0.2, dt=0.01))
+    objective = ocp.Objective(ocp.track("z", weight=1.0))
+    free = ocp.Problem(declared.motion, declared.schedule, objective, initial=declared.initial)
+    with pytest.raises(ProblemError, match=r"phase 'a' .*: a control has no running cost - got none on 'thrust'"):
+        solvers.RecedingHorizon(free)

@@ -59,7 +59,7 @@ typedef struct Phase {
     double dt;
     double *x, *u;                          /* accepted: (N+1, nx), (N, nu) */
     double *xt, *ut;                        /* trial */
-    double *x_outside, *u_outside;          /* the last trial whose merit was not finite */
+    double *x_outside, *u_outside;          /* the last trial whose merit was not finite; NULL: nobody reads it */
     double *x_next;                          /* dynamics of the stages at trial and accepted: (N, nx) */
     double *start;                          /* the initial state or the result of the reset, to compare with node 0: (nx) */
     double *d, *dt_trial;                   /* defects, accepted and trial: (N+1, ndx) */
@@ -69,11 +69,12 @@ typedef struct Phase {
     double *P;                              /* (ndx of the next, ndx) */
     double *dx, *du;                        /* step */
     double *k, *K;                          /* (N, nu), (N, nu, ndx) */
-    double *V_x, *V_xx;                     /* (N+1, ndx), (N+1, ndx, ndx) */
-    double *Q_x, *Q_u, *Q_xx, *Q_ux, *Q_uu; /* Q_x and Q_xx may be NULL, if nobody reads them */
+    double *V_x, *V_first, *V_last;         /* (N+1, ndx); V_xx of nodes 0 and N: (ndx, ndx) */
+    double *V_xx;                           /* (N+1, ndx, ndx), with the first and the last; NULL: nobody reads it */
+    double *Q_x, *Q_u, *Q_xx, *Q_ux, *Q_uu; /* Q_x and Q_xx may be NULL, and all of Q, if nobody reads them */
     double *work;                           /* of the sweep, see Block */
     const unsigned char *shooting;          /* (N+1): 0 for roll-out nodes, whose states follow from the dynamics; NULL: none */
-    int keep;                               /* whether the sweep stores Q and all V_xx, not only that of node 0 */
+    int keep;                               /* whether the sweep stores Q and all V_xx */
     struct Phase *next;
 } Phase;
 
@@ -107,7 +108,7 @@ typedef struct Problem {
     Group *transitions;                     /* one group per kind of transition */
     const double *initial;
     Options options;
-    Record *history;                        /* (max_iterations) */
+    Record *history;                        /* (max_iterations); NULL: nobody reads it */
     _Atomic int num_records;                /* written after the record, so that a reader sees complete records */
     _Atomic int cancel;                     /* another thread sets it to stop the solve */
     int cleared;                            /* whether the constant zeros of D, H, end_H, P are set; 0 after each new layout */

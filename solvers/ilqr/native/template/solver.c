@@ -110,10 +110,11 @@ int piaffe_solve(Problem *pr, int resumed)
         if (size < 0.0) return TIME_LIMIT;
         adapt(pr, size);
         note(pr, &at);
-        pr->history[pr->num_records] = (Record){
-            pr->num_records + 1, at.cost, augmented_of_accepted(pr) + pr->rho * at.gap, -(dV[0] + 0.5 * dV[1]),
-            at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, piaffe_now(pr) - pr->began,
-        };
+        if (pr->history)
+            pr->history[pr->num_records] = (Record){
+                pr->num_records + 1, at.cost, augmented_of_accepted(pr) + pr->rho * at.gap, -(dV[0] + 0.5 * dV[1]),
+                at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, piaffe_now(pr) - pr->began,
+            };
         atomic_store_explicit(&pr->num_records, pr->num_records + 1, memory_order_release);
         if (pr->regularization_now > o->max_regularization) return failure(pr);
         if (size > 0.0) linearise(pr);
@@ -142,7 +143,7 @@ int piaffe_policy(Problem *pr)
 {
     int found = 0;
     linearise(pr);
-    for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = 1;
+    for (int i = 0; i < pr->num_phases; i++) pr->phases[i].keep = pr->phases[i].Q_u || pr->phases[i].V_xx;
     double r = 0.0;
     while (!found && r <= pr->options.max_regularization) {
         found = backward(pr, r);

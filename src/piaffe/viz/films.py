@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from piaffe.errors import PiaffeError
-from piaffe.files import whole_file
+from piaffe.files import whole_file, write_whole
 
+from .bars import progress_bars
 from .caption import Caption
 from .playback import Snapshot
 from .studio import Studio
@@ -54,7 +56,7 @@ class Cut:
 
 
 def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], *, fps: int = 50) -> Path:
-    """Write a film, atomically; return its path.
+    """Write a film, atomically; return its path. A bar on a terminal shows the pictures that are done.
 
     Args:
         path: the file, ``.mp4``.
@@ -64,8 +66,10 @@ def write(path: Path, studio: Studio, cuts: Sequence[Cut], feet: Sequence[str], 
         fps: pictures per second.
     """
     caption = Caption(studio.size, feet)
-    with whole_file(path) as temporary, studio:
-        encode(temporary, _pictures(studio, cuts, caption, fps), studio.size, fps)
+    total = sum(len(cut.times(fps)) for cut in cuts)
+    with whole_file(path) as temporary, studio, progress_bars() as bars:
+        pictures = bars.track(_pictures(studio, cuts, caption, fps), total=total, description="film, pictures")
+        encode(temporary, iter(pictures), studio.size, fps)
     return path
 
 
@@ -91,8 +95,9 @@ def sheet(path: Path, studio: Studio, cut: Cut, feet: Sequence[str], *, columns:
     whole = Image.new("RGB", (columns * (width + _GAP) - _GAP, rows * (height + _GAP) - _GAP), "white")
     for i, picture in enumerate(pictures):
         whole.paste(Image.fromarray(picture), ((width + _GAP) * (i % columns), (height + _GAP) * (i // columns)))
-    with whole_file(path) as temporary:
-        whole.save(temporary)
+    content = BytesIO()
+    whole.save(content, format=Image.registered_extensions()[path.suffix.lower()])
+    write_whole(path, content.getvalue())
     return path
 
 
