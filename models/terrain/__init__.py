@@ -2,9 +2,9 @@
 
 from .base import Terrain as Terrain
 from .base import fitted_slope as fitted_slope
-from .blocks import Box as Box
 from .blocks import Boxes as Boxes
 from .blocks import Stairs as Stairs
+from .box import Box as Box
 from .heightfield import HeightField as HeightField
 from .make import boxes as boxes
 from .make import checked_terrain as checked_terrain

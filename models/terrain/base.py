@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .box import Box
 from .numbers import dot
-
-if TYPE_CHECKING:
-    from .blocks import Box
 
 Array = NDArray[np.float64]
 

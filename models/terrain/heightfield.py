@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..mujoco_import import import_mujoco
 from .base import Terrain
-from .blocks import Box
+from .box import Box
 from .numbers import DEPTH, FLOOR, STONE, add_plane, maximum, within
 
 Array = NDArray[np.float64]

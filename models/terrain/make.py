@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from piaffe.errors import ModelError
 
 from .base import Terrain
-from .blocks import Box, Boxes, Stairs
+from .blocks import Boxes, Stairs
+from .box import Box
 from .heightfield import HeightField
 from .numbers import require
 from .planes import Flat, Incline

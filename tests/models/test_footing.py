@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from piaffe import models, ocp
+from piaffe import models, ocp, solvers
 from piaffe.errors import ModelError, ProblemError
 from piaffe.models import base, feet, joints, stance, terrain
 from piaffe.ocp import rotation
@@ -368,3 +368,95 @@ def test_functions_of_a_gait_are_refused_on_terrain():
     bound = models.gaits.trot(0.2).bind((body,), start).placed[0].reference
     with pytest.raises(ProblemError, match="has no functions of time on this ground - got Incline"):
         bound.functions()
+
+
+# ---- a horizon at any time
+
+
+def hop(ground, **more):
+    """Return a hop forward of Go2 with keyframes, for controllers that plan again and again."""
+    robot = models.load("go2")
+    body = models.WholeBody(robot, terrain=ground)
+    x = body.state(joints="stand")
+    key = ocp.Keyframe(position=(0.1, 0.0, float(x[2])), joints="stand")
+    motion = ocp.Motion(
+        ocp.Phase("push", stance(roles="all"), 0.2, ocp.Keyframe(position=tuple(x[:3]), joints="stand")),
+        ocp.Phase("flight", stance(""), 0.1, key),
+        ocp.Phase("land", stance(roles="all"), 0.4, key),
+        **more,
+    )
+    objective = ocp.Objective(
+        ocp.track(base.position, weight=1.0), ocp.track(joints.position, weight=1.0),
+        ocp.regularize(joints.torque, weight=0.01),
+    )  # fmt: skip
+    limits = ocp.Constraints(models.friction_cone(0.6), models.foot_clearance())
+    return ocp.Problem(motion, body.over(0.3, dt=0.02), objective, limits, initial=x)
+
+
+def test_a_horizon_has_the_planes_of_the_compiled_problem_and_moves_them_with_its_frame():
+    problem = hop(SLOPE)
+    horizon = ocp.Horizon(problem)
+    turned = problem.initial.copy()
+    yaw, shift = 0.6, np.array([0.3, -0.2])
+    c, s = np.cos(yaw), np.sin(yaw)
+    turned[:2] = shift + np.array([c * turned[0] - s * turned[1], s * turned[0] + c * turned[1]])
+    turned[3:7] = rotation.np_multiply(np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]), turned[3:7])
+    for t in (0.0, 0.1, 0.2, 0.26, 0.4):
+        expected = ocp.compile_problem(problem, t)
+        for start in (problem.initial, turned):  # planning happens where the declared motion is
+            made = horizon.at(horizon.begin(start if t == 0.0 else problem.initial, t), problem.initial)
+            for one, other in zip(made.phases, expected.phases, strict=True):
+                assert one.p == pytest.approx(other.p, abs=1e-12)
+                assert one.p_end == pytest.approx(other.p_end, abs=1e-12)
+
+
+def test_motions_that_go_on_over_unknown_ground_are_refused_in_a_horizon():
+    with pytest.raises(ProblemError, match="goes on where the ground is not known beforehand"):
+        ocp.Horizon(hop(SLOPE, cyclic=True))
+
+
+def test_both_backends_walk_the_same_iterates_on_terrain():
+    problem = problem_of(models.load("go2"), STAIRS)
+    options = solvers.Options(max_iterations=8)
+    native, reference = (solvers.MSiLQR(problem, options, backend=name).solve() for name in ("native", "numpy"))
+    for one, other in zip(native.history, reference.history, strict=True):
+        assert one.cost == pytest.approx(other.cost, rel=1e-9)
+        assert one.max_defect == pytest.approx(other.max_defect, rel=1e-6, abs=1e-12)
+
+
+# ---- warnings and reports
+
+
+def test_feet_off_the_terrain_are_reported():
+    robot = models.load("go2")
+    body = models.WholeBody(robot, terrain=SLOPE)
+    level = models.WholeBody(robot).state(joints="stand")
+    key = ocp.Keyframe(position=tuple(level[:3]), joints="stand")
+    motion = ocp.Motion(ocp.Phase("stand", stance(roles="all"), 0.2, key))
+    objective = ocp.Objective(ocp.track(base.position, weight=1.0), ocp.regularize(joints.torque, weight=0.01))
+    problem = ocp.Problem(motion, body.until_end(dt=0.02), objective, initial=level)
+    texts = [str(each) for each in problem.warnings()]
+    assert any("initial state: standing foot is not on the ground" in text for text in texts)
+    assert any("keyframe: stance foot is not on the ground" in text for text in texts)
+    x = body.state(rpy=(0, 0, 0), joints="stand")
+    raised = ocp.Problem(motion, body.until_end(dt=0.02), objective, initial=x)
+    heights = x[2] - level[2]
+    assert heights == pytest.approx(max(SLOPE.height(*body.foot_positions(x)[:, :2].T)), abs=2e-3)
+    assert raised.initial[2] > level[2]
+
+
+def test_a_foot_beside_the_surface_of_its_reference_is_found():
+    """The plane of the reference goes on beyond the block; the ground does not."""
+    robot = models.load("go2")
+    ground = terrain.boxes(terrain.Box((0.0, 0.0), (1.0, 1.0), 0.1))
+    body = models.WholeBody(robot, terrain=ground)
+    x = body.state(joints="stand")
+    motion = ocp.Motion(ocp.Phase("stand", stance(roles="all"), 0.1, ocp.Keyframe(position=tuple(x[:3]))))
+    objective = ocp.Objective(ocp.track(base.position, weight=1.0), ocp.regularize(joints.torque, weight=0.01))
+    compiled = ocp.compile_problem(ocp.Problem(motion, body.until_end(dt=0.02), objective, initial=x))
+    trajectory = solvers.MSiLQR(compiled, backend="numpy").solve().raise_if_failed().trajectory
+    found = ocp.verify(compiled, trajectory)
+    assert found.max_height < 1e-3
+    part = trajectory.phases[0]
+    part.states[:, 0] += 0.4  # the front feet hang in the air
+    assert ocp.verify(compiled, trajectory).max_height == pytest.approx(0.1, abs=1e-3)
