@@ -25,7 +25,8 @@ _NATURAL_SPEED = 0.1  # [m/s]; times the mass it is the scale of impulses
 def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
     """Keep the force of every foot on the ground, and the impulse of every foot that lands, in the friction pyramid.
 
-    The pyramid circumscribes the cone; pass μ/√2 for the inscribed one. Per foot, in world axes [N]::
+    The pyramid circumscribes the cone; pass μ/√2 for the inscribed one. Per foot, in axes of the ground where it
+    stands, z along its normal (on level ground those of the world) [N]::
 
         F_z ≥ 0,   μ F_z − F_x ≥ 0,   μ F_z + F_x ≥ 0,   μ F_z − F_y ≥ 0,   μ F_z + F_y ≥ 0
 
@@ -142,6 +143,10 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
     liftoff (with Euler's step at the first two), because its position there depends on the stance phase alone,
     integration error included. The height of a foot is 0 at liftoff and at touchdown. A positive ``minimum`` is
     therefore feasible only in phases without liftoff and touchdown; name these phases in ``when``.
+
+    On a terrain that is not level, a foot stays above a plane that goes from where it leaves the ground to where it
+    reaches the ground. Two more rows per foot keep it ``over`` the surface below its reference, and ``beside`` the
+    blocks that its reference has not yet reached, or has left.
     """
     return inequality(
         _foot_height,
@@ -150,7 +155,7 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
         lower=minimum,
         when=when,
         mask=_swing,
-        labels=_feet,
+        labels=_kept,
         scale=natural.length,
     )
 
@@ -192,7 +197,7 @@ class _SomeNames:
 
 
 def _pyramid(s: Any, mu: cs.SX) -> cs.SX:
-    return _faces_of(s.feet.force, mu)
+    return _faces_of(s.feet.contact_force, mu)
 
 
 def _faces_of(stacked: Any, mu: cs.SX) -> cs.SX:
@@ -202,7 +207,7 @@ def _faces_of(stacked: Any, mu: cs.SX) -> cs.SX:
 
 
 def _impulse_pyramid(s: Any, mu: cs.SX) -> cs.SX:
-    return _faces_of(s.feet.impulse, mu)
+    return _faces_of(s.feet.contact_impulse, mu)
 
 
 def _pyramid_landing(s: Any) -> cs.SX:
@@ -234,11 +239,13 @@ def _height(s: Any) -> Any:
 
 
 def _foot_height(s: Any) -> Any:
-    return s.feet.height
+    return s.feet.clearance
 
 
 def _swing(s: Any) -> Any:
-    return (1 - s.feet.contact) * (1 - s.feet.lifting)
+    in_air = (1 - s.feet.contact) * (1 - s.feet.lifting)
+    kept = cs.SX(s.feet.clearance).numel() // max(cs.SX(s.feet.contact).numel(), 1)
+    return in_air if kept == 1 else cs.repmat(cs.SX(in_air), kept, 1)
 
 
 def _joints(model: Any) -> tuple[str, ...]:
@@ -278,6 +285,13 @@ def _impulse_faces(model: Any) -> tuple[str, ...]:
 def _feet(model: Any) -> tuple[str, ...]:
     names: tuple[str, ...] = model.robot.foot_names
     return names
+
+
+def _kept(model: Any) -> tuple[str, ...]:
+    names = _feet(model)
+    if not model.slots_of_ground:
+        return names
+    return (*names, *(f"{name} over" for name in names), *(f"{name} beside" for name in names))
 
 
 def _base(model: Any) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ def node(**feet):
 def test_friction_pyramid_has_five_faces_per_foot_and_masks_feet_in_the_air():
     friction = models.friction_cone(mu=0.5)
     force = [1.0, -2.0, 10.0, 0, 0, 0, 6.0, 0, 10.0, 0, 0, -3.0]
-    s = node(force=force, contact=[1, 0, 1, 1])
+    s = node(contact_force=force, contact=[1, 0, 1, 1])
     faces = rows(friction.function(s, mu=cs.SX(friction.parameters["mu"]))).reshape(4, 5)
     assert faces[0] == pytest.approx([10, 4, 6, 7, 3])
     assert faces[2] == pytest.approx([10, -1, 11, 5, 5])
@@ -82,7 +82,7 @@ def test_base_height_has_two_bounds():
 
 def test_clearance_concerns_feet_in_the_air_that_have_not_just_left():
     clearance = models.foot_clearance()
-    s = node(contact=[1, 0, 0, 1], lifting=[0, 1, 0, 0], height=[0.0, 0.01, 0.02, 0.03])
+    s = node(contact=[1, 0, 0, 1], lifting=[0, 1, 0, 0], clearance=[0.0, 0.01, 0.02, 0.03])
     assert rows(clearance.mask(s)).tolist() == [0, 0, 1, 0]
     assert rows(clearance.function(s)) == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
