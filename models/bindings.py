@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import casadi as cs
@@ -11,11 +11,11 @@ import numpy as np
 
 from piaffe.ocp import Bound, Quantity, rotation
 
+from .ground import Ground
 from .postures import HEIGHT, XYZ, foot_labels, reach_labels
 from .quantities import base, com, feet, frames, joints, momentum
 from .recursions import Recursion
 from .robot import Robot
-from .terrain import Terrain
 from .tree import Inertials, Point
 
 _TINY = 1e-12  # avoids 0/0 where the base's x axis is vertical, so that it has no heading
@@ -32,7 +32,7 @@ class Makers(dict[str, Callable[[], Bound]]):
 
 
 def bind_motion(
-    robot: Robot, points: Mapping[str, Point], motion: Recursion, x: cs.SX, p: Mapping[str, cs.SX], terrain: Terrain
+    robot: Robot, points: Mapping[str, Point], motion: Recursion, x: cs.SX, p: Mapping[str, cs.SX], ground: Ground
 ) -> Makers:
     """Return the quantities that depend on positions and velocities alone.
 
@@ -43,7 +43,7 @@ def bind_motion(
         x: the state, (nx, 1).
         p: ``contact``, ``landing``, ``lifting``, ``foot_radius``, ``link_mass``, ``link_com`` and ``link_inertia``, as
             in the slots of the whole body.
-        terrain: the ground.
+        ground: the ground.
     """
     body, each, names, contacts = inertials(p), foot_labels(robot), robot.joint_names, foot_points(robot, points)
     nq, make = motion.tree.nq, Makers()
@@ -51,18 +51,18 @@ def bind_motion(
     def places() -> list[cs.SX]:
         return [motion.point(point) for point in contacts]
 
+    @cache
     def heights() -> cs.SX:
-        gap = stacked([place[2] - terrain.height(place[0], place[1]) for place in places()])
-        return gap - p["foot_radius"]
+        return stacked(ground.gaps(places(), p["foot_radius"]))
 
-    def height() -> cs.SX:
-        at = places()
-        above: cs.SX = x[2] - terrain.mean_height([place[0] for place in at], [place[1] for place in at])
-        return above
+    def clearances() -> cs.SX:  # with the same expressions as the heights, which share their code
+        more = ground.other_clearances(places(), p["foot_radius"])
+        return cs.vertcat(heights(), *more) if more else heights()
 
-    def normal() -> cs.SX:
-        at = places()
-        return ground_normal(x[3:7], terrain.slope([place[0] for place in at], [place[1] for place in at]))
+    def speeds() -> cs.SX:
+        upward = ground.normals(len(contacts))
+        velocities = [motion.velocity(point) for point in contacts]
+        return stacked([cs.dot(normal, velocity) for normal, velocity in zip(upward, velocities, strict=True)])
 
     def reach() -> cs.SX:
         heading = rotation.matrix(x[3:7])[:2, 0]
@@ -75,14 +75,17 @@ def bind_motion(
         make.supply(base.orientation, XYZ, lambda: x[3:7])
         make.supply(base.linear_velocity, XYZ, lambda: motion.v[:3])
         make.supply(base.angular_velocity, XYZ, lambda: motion.v[3:6])
-        make.supply(base.height, HEIGHT, height)
-        make.supply(base.ground_normal, XYZ, normal)
+        make.supply(base.height, HEIGHT, lambda: x[2] - ground.mean_height(places()))
+        make.supply(base.ground_normal, XYZ, lambda: ground_normal(x[3:7], ground.slope(places())))
         make.supply(feet.reach, reach_labels(robot), reach)
     make.supply(joints.position, names, lambda: x[nq - len(names) : nq])
     make.supply(joints.velocity, names, lambda: motion.v[6:])
     make.supply(feet.position, each, lambda: stacked(places()))
     make.supply(feet.velocity, each, lambda: stacked([motion.velocity(point) for point in contacts]))
     make.supply(feet.height, robot.foot_names, heights)
+    make.supply(feet.clearance, clearance_labels(robot, ground), clearances)
+    make.supply(feet.normal_speed, robot.foot_names, speeds)
+    make.supply(feet.normal, each, lambda: stacked(ground.normals(len(contacts))))
     make.supply(feet.contact, robot.foot_names, lambda: p["contact"])
     make.supply(feet.landing, robot.foot_names, lambda: p["landing"])
     make.supply(feet.lifting, robot.foot_names, lambda: p["lifting"])
@@ -104,6 +107,16 @@ def absent_quantities(robot: Robot) -> dict[str, str]:
         (quantity.path for quantity in (*of_base, base.ground_normal, feet.reach)),
         f"the base of '{robot.name}' is fixed; use frames or joints",
     )
+
+
+def clearance_labels(robot: Robot, ground: Ground) -> tuple[str, ...]:
+    """Return the names of the entries of ``feet.clearance``: a foot's name, and what it keeps away from."""
+    return tuple(name if not what else f"{name} {what}" for what in ground.kept for name in robot.foot_names)
+
+
+def in_contact_axes(ground: Ground, vectors: cs.SX) -> cs.SX:
+    """Return stacked vectors of all feet, (3 nf, 1), in the axes of their contacts."""
+    return stacked(ground.in_contact_axes(cs.vertsplit(vectors, 3) if vectors.numel() else []))
 
 
 def stacked(parts: list[cs.SX]) -> cs.SX:

@@ -14,7 +14,7 @@ from .postures import RobotState
 from .quantities import base, joints
 from .robot import Robot
 from .stance import Stance
-from .terrain import Flat, Terrain
+from .terrain import Terrain
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def trajectory_warnings(
 
     Args:
         robot: the robot.
-        terrain: the ground; the feet are compared with level ground only.
+        terrain: the ground.
         resolve: function that returns the feet on the ground in a phase's mode.
         path: the motion's path.
     """
@@ -46,7 +46,7 @@ def trajectory_warnings(
                 f"'{robot.name}'; use a solution of this robot",
                 piece.phases[0].source,
             )
-        elif isinstance(terrain, Flat):
+        else:
             yield from _off_ground(robot, terrain, resolve, list(zip(piece.phases, parts, strict=False)))
 
 
@@ -59,7 +59,7 @@ def _same_mechanism(a: Robot, b: Robot) -> bool:
 
 
 def _off_ground(
-    robot: Robot, ground: Flat, resolve: Callable[[Hashable], Stance], parts: list[tuple[Phase, PhaseTrajectory]]
+    robot: Robot, ground: Terrain, resolve: Callable[[Hashable], Stance], parts: list[tuple[Phase, PhaseTrajectory]]
 ) -> Iterator[ProblemWarning]:
     """Yield the first phase in which a standing foot is not on the ground, with the joint angles of a trajectory."""
     for phase, part in parts:

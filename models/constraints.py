@@ -22,10 +22,11 @@ _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
 _NATURAL_SPEED = 0.1  # [m/s]; times the mass it is the scale of impulses
 
 
-def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
+def friction_cone(mu: float = 0.6, *, impulses: bool = True, scale: float | None = None) -> Any:
     """Keep the force of every foot on the ground, and the impulse of every foot that lands, in the friction pyramid.
 
-    The pyramid circumscribes the cone; pass μ/√2 for the inscribed one. Per foot, in world axes [N]::
+    The pyramid circumscribes the cone; pass μ/√2 for the inscribed one. Per foot, in axes of the ground where it
+    stands, z along its normal (on level ground those of the world) [N]::
 
         F_z ≥ 0,   μ F_z − F_x ≥ 0,   μ F_z + F_x ≥ 0,   μ F_z − F_y ≥ 0,   μ F_z + F_y ≥ 0
 
@@ -36,6 +37,7 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
     Args:
         mu: friction coefficient μ.
         impulses: whether impulses are limited too.
+        scale: what a violation of a force is divided by [N]; None: 1, or that of a very small or large robot.
     """
     _require("friction_cone", "mu", mu, lambda value: value > 0, "a positive number")
     return inequality(
@@ -47,12 +49,17 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
         positive=("mu",),
         labels=_faces,
         at_reset=_IMPULSES if impulses else None,
-        scale=natural.force,
+        scale=natural.force if scale is None else scale,
     )
 
 
-def torque_limits(fraction: float = 1.0) -> Any:
-    """Keep joint torques within the robot's limits, or a fraction of them [Nm]; passive joints have no rows."""
+def torque_limits(fraction: float = 1.0, *, scale: float | None = None) -> Any:
+    """Keep joint torques within the robot's limits, or a fraction of them [Nm]; passive joints have no rows.
+
+    Args:
+        fraction: of the limits.
+        scale: what a violation is divided by [Nm]; None: 1, or that of a very small or large robot.
+    """
     _require("torque_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
     return inequality(
         _torque,
@@ -61,12 +68,17 @@ def torque_limits(fraction: float = 1.0) -> Any:
         lower=_Bound(_torques, factor=-fraction),
         upper=_Bound(_torques, factor=fraction),
         labels=_motors,
-        scale=natural.torque,
+        scale=natural.torque if scale is None else scale,
     )
 
 
-def joint_limits(margin: float = 0.0) -> Any:
-    """Keep joint angles within the robot's limits, reduced by a margin [rad]."""
+def joint_limits(margin: float = 0.0, *, scale: float = 1.0) -> Any:
+    """Keep joint angles within the robot's limits, reduced by a margin [rad].
+
+    Args:
+        margin: distance from the limits [rad].
+        scale: what a violation is divided by [rad].
+    """
     _require("joint_limits", "margin", margin, lambda value: value >= 0, "a number ≥ 0 [rad]")
     return inequality(
         _angle,
@@ -75,11 +87,17 @@ def joint_limits(margin: float = 0.0) -> Any:
         lower=_Bound(_lowest, added=margin),
         upper=_Bound(_highest, added=-margin),
         labels=_joints,
+        scale=scale,
     )
 
 
-def joint_speed_limits(fraction: float = 1.0) -> Any:
-    """Keep joint speeds within the robot's limits, or a fraction of them [rad/s]."""
+def joint_speed_limits(fraction: float = 1.0, *, scale: float | None = None) -> Any:
+    """Keep joint speeds within the robot's limits, or a fraction of them [rad/s].
+
+    Args:
+        fraction: of the limits.
+        scale: what a violation is divided by [rad/s]; None: 1, or that of a very small or large robot.
+    """
     _require("joint_speed_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
     return inequality(
         _speed,
@@ -88,7 +106,7 @@ def joint_speed_limits(fraction: float = 1.0) -> Any:
         lower=_Bound(_fastest, factor=-fraction),
         upper=_Bound(_fastest, factor=fraction),
         labels=_joints,
-        scale=natural.speed,
+        scale=natural.speed if scale is None else scale,
     )
 
 
@@ -135,13 +153,22 @@ def base_height(minimum: float | None = None, *, maximum: float | None = None, s
     )  # fmt: skip
 
 
-def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
+def foot_clearance(minimum: float = 0.0, *, when: When = None, scale: float | None = None) -> Any:
     """Keep feet in the air at least ``minimum`` above the terrain [m], touchdown included.
 
     Feet on the ground are masked, because the contact holds them there. A foot is also masked at the first node after
     liftoff (with Euler's step at the first two), because its position there depends on the stance phase alone,
     integration error included. The height of a foot is 0 at liftoff and at touchdown. A positive ``minimum`` is
     therefore feasible only in phases without liftoff and touchdown; name these phases in ``when``.
+
+    On a terrain that is not level, a foot stays above a plane that goes from where it leaves the ground to where it
+    reaches the ground. Two more rows per foot keep it ``over`` the surface below its reference, and ``beside`` the
+    blocks that its reference has not yet reached, or has left.
+
+    Args:
+        minimum: smallest height above the terrain [m].
+        when: phases it applies to: a name, names, a predicate of the name, or None for all.
+        scale: what a violation is divided by [m]; None: 1, or that of a very small or large robot.
     """
     return inequality(
         _foot_height,
@@ -150,8 +177,8 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
         lower=minimum,
         when=when,
         mask=_swing,
-        labels=_feet,
-        scale=natural.length,
+        labels=_kept,
+        scale=natural.length if scale is None else scale,
     )
 
 
@@ -192,7 +219,7 @@ class _SomeNames:
 
 
 def _pyramid(s: Any, mu: cs.SX) -> cs.SX:
-    return _faces_of(s.feet.force, mu)
+    return _faces_of(s.feet.contact_force, mu)
 
 
 def _faces_of(stacked: Any, mu: cs.SX) -> cs.SX:
@@ -202,7 +229,7 @@ def _faces_of(stacked: Any, mu: cs.SX) -> cs.SX:
 
 
 def _impulse_pyramid(s: Any, mu: cs.SX) -> cs.SX:
-    return _faces_of(s.feet.impulse, mu)
+    return _faces_of(s.feet.contact_impulse, mu)
 
 
 def _pyramid_landing(s: Any) -> cs.SX:
@@ -234,11 +261,13 @@ def _height(s: Any) -> Any:
 
 
 def _foot_height(s: Any) -> Any:
-    return s.feet.height
+    return s.feet.clearance
 
 
 def _swing(s: Any) -> Any:
-    return (1 - s.feet.contact) * (1 - s.feet.lifting)
+    in_air = (1 - s.feet.contact) * (1 - s.feet.lifting)
+    kept = cs.SX(s.feet.clearance).numel() // max(cs.SX(s.feet.contact).numel(), 1)
+    return in_air if kept == 1 else cs.repmat(cs.SX(in_air), kept, 1)
 
 
 def _joints(model: Any) -> tuple[str, ...]:
@@ -278,6 +307,13 @@ def _impulse_faces(model: Any) -> tuple[str, ...]:
 def _feet(model: Any) -> tuple[str, ...]:
     names: tuple[str, ...] = model.robot.foot_names
     return names
+
+
+def _kept(model: Any) -> tuple[str, ...]:
+    names = _feet(model)
+    if not model.slots_of_ground:
+        return names
+    return (*names, *(f"{name} over" for name in names), *(f"{name} beside" for name in names))
 
 
 def _base(model: Any) -> tuple[str, ...]:

@@ -62,8 +62,9 @@ def feet_off_ground(
         orientation: of the base (4,).
         angles: of the joints (nj,) [rad].
     """
-    x, y, z = place_feet(robot, position, orientation, angles).T
-    heights = dict(zip(robot.foot_names, z - terrain.height(x, y) - robot.foot_radius, strict=True))
+    places = place_feet(robot, position, orientation, angles)
+    above = places[:, 2] - terrain.standing(places[:, :2], robot.foot_radius)[:, 2]
+    heights = dict(zip(robot.foot_names, above, strict=True))
     off = {name: heights[name] for name in names if abs(heights[name]) > OFF_GROUND}
     return ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
 

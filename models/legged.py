@@ -25,16 +25,18 @@ from piaffe.ocp import (
 )
 
 from .borrowed import trajectory_warnings
+from .footing import Footing
+from .ground import SLOTS
 from .ground_warnings import fastest, ground_warnings
 from .kinematics import Kinematics
 from .postures import XYZ, RobotState, translate, with_joints
-from .quantities import base, com, joints
+from .quantities import base, com, feet, joints
 from .robot import Robot
 from .robots import robot_recipe
 from .speed_warnings import speed_warnings
 from .stance import Stance, stance
 from .standing_warnings import standing_warnings
-from .terrain import Terrain
+from .terrain import Flat, Terrain
 from .warnings import keyframe_warnings
 
 Array = NDArray[np.float64]
@@ -76,7 +78,8 @@ class LeggedModel(ModelBase):
         positive: names of those that must be above zero.
         checks: name → check of values that replace its default, see ``ocp.Slot``.
         cut_by_modes: whether a change of contacts begins a new phase.
-        terrain: the ground on which ``state(...)`` places the robot; level at z = 0 by default.
+        terrain: the ground on which ``state(...)`` places the robot; level at z = 0 by default. If it is not level and
+            the model has the slots of planes, feet stand on the planes of the terrain below their reference.
     """
 
     state: RobotState
@@ -173,7 +176,53 @@ class LeggedModel(ModelBase):
         lifting = np.maximum(previous - contact, 0.0)
         ends = node.next_mode is not None
         landing = np.maximum(self._standing(node.next_mode) - contact, 0.0) if ends else np.zeros(self.num_feet)
-        return {"contact": contact, "landing": landing, "lifting": lifting}
+        values = {"contact": contact, "landing": landing, "lifting": lifting}
+        return values | {slot: np.asarray(node.sample[quantity]) for slot, quantity in self.slots_of_ground.items()}
+
+    # ---- the ground
+
+    @property
+    def terrain(self) -> Terrain:
+        """The ground."""
+        return self.state.terrain
+
+    @cached_property
+    def slots_of_ground(self) -> Mapping[str, Quantity]:
+        """The slots of the planes below the feet, and the quantities that they are; none if it is flat."""
+        own = {slot.name for slot in self.slots}
+        return dict(zip(SLOTS, (feet.surfaces, feet.normals), strict=True)) if set(SLOTS) <= own else {}
+
+    @property
+    def slots_from_motion(self) -> Mapping[str, Quantity]:
+        """The planes below the feet follow from where the reference puts them."""
+        return self.slots_of_ground
+
+    @property
+    def reference_ground(self) -> Terrain:
+        """The ground on which references put the feet: the terrain, if feet stand on its planes."""
+        return self.terrain if self.slots_of_ground or isinstance(self.terrain, Flat) else Flat()
+
+    def added_targets(self, path: object) -> object | None:
+        """Return the planes below the feet of a motion; None if the ground is flat."""
+        if not (isinstance(path, Path) and self.slots_of_ground):
+            return None
+        return Footing(self.kinematics, self.terrain, self.flags, path)
+
+    @property
+    def _recorded(self) -> tuple[Quantity, ...]:
+        """What a trajectory records beside forces: the normals of the planes, if the ground is not flat."""
+        return (feet.normal,) if self.slots_of_ground else ()
+
+    def true_heights(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> list[cs.SX]:
+        """Return the distance of each foot's ball from the terrain itself, not from the plane of its reference [m]."""
+        if not self.slots_of_ground:
+            return cs.vertsplit(quantities.bind(feet.height).value) if self.num_feet else []
+        places = cs.vertsplit(quantities.bind(feet.position).value, 3)
+        upward = cs.vertsplit(p["normals"], 3)[: self.num_feet]
+        return [
+            (place[2] - self.terrain.height(place[0], place[1])) * normal[2] - p["foot_radius"]
+            for place, normal in zip(places, upward, strict=True)
+        ]
 
     def lands(self, node: Node) -> bool:
         """Return whether a foot touches down at this phase end."""
@@ -191,7 +240,8 @@ class LeggedModel(ModelBase):
 
     def recipe(self) -> dict[str, object]:
         """Return the kind of model, and the robot as :func:`piaffe.models.robots.robot_recipe` stores it."""
-        return {"kind": type(self).__name__, "robot": robot_recipe(self.robot)}
+        terrain = {} if self.terrain == Flat() else {"terrain": self.terrain.recipe()}
+        return {"kind": type(self).__name__, "robot": robot_recipe(self.robot), **terrain}
 
     # ---- targets
 
@@ -208,11 +258,14 @@ class LeggedModel(ModelBase):
         found = [ProblemWarning(f"robot '{self.robot.name}', {one.where}", one.text) for one in self.robot.warnings]
         if not isinstance(path, Path):
             return found
-        found += [*keyframe_warnings(self.robot, self.resolve, path), *speed_warnings(self.robot, path)]
+        ground = self.reference_ground
+        found += [*keyframe_warnings(self.robot, ground, self.resolve, path), *speed_warnings(self.robot, path)]
         if self.robot.base == "free":
-            found += ground_warnings(self.robot, self.state.terrain, self.resolve, path)
+            found += ground_warnings(self.robot, self.terrain, self.resolve, path)
             found += standing_warnings(self.robot, self.resolve, path)
-        return found + list(trajectory_warnings(self.robot, self.state.terrain, self.resolve, path))
+        if ground == self.terrain:
+            found += trajectory_warnings(self.robot, self.terrain, self.resolve, path)
+        return found
 
     @property
     def planar_pose(self) -> tuple[Quantity, Quantity] | None:

@@ -24,16 +24,23 @@ class Impact:
         phase: name of the phase.
         time: time of the impact [s].
         impulses: world impulses of all feet (nf, 3) [N s]; NaN for feet that do not land.
+        normals: upward unit normals of the ground where they land (nf, 3); None for level ground.
     """
 
     phase: str
     time: float
     impulses: Array
+    normals: Array | None = None
 
     @property
     def normal(self) -> Array:
-        """The vertical impulses of the feet that land [N s]."""
+        """The impulses of the feet that land, along the normal of the ground [N s]."""
         return self._landing[:, 2]
+
+    @property
+    def on_ground(self) -> Array:
+        """The impulses of all feet in axes of the ground where each lands, the normal last (nf, 3) [N s]."""
+        return self.impulses if self.normals is None else on_ground(self.impulses, self.normals)
 
     @property
     def ratio(self) -> float:
@@ -42,11 +49,21 @@ class Impact:
 
     @property
     def _landing(self) -> Array:
-        return self.impulses[np.isfinite(self.impulses[:, 0])]
+        return self.on_ground[np.isfinite(self.impulses[:, 0])]
+
+
+def on_ground(vectors: Array, normals: Array) -> Array:
+    """Return vectors (..., 3) in axes of the ground, x and y of the world turned with the vertical onto the normals.
+
+    The quantities ``feet.contact_force`` and ``feet.contact_impulse`` are in the same axes.
+    """
+    tilt, along = normals[..., :2], np.sum(vectors * normals, axis=-1, keepdims=True)
+    share = (vectors[..., 2:] + along) / (1 + normals[..., 2:])
+    return np.concatenate([vectors[..., :2] - share * tilt, along], axis=-1)
 
 
 def impulse_ratios(impulses: Array) -> Array:
-    """Return max(|Λ_x|, |Λ_y|) / Λ_z of impulses (…, 3), (…); infinite if the ground would have to pull.
+    """Return max(|Λ_x|, |Λ_y|) / Λ_z of impulses (…, 3), z along the normal; infinite if the ground would have to pull.
 
     It is NaN for impulses below 1 mN s, of which a solve does not tell the direction, and for feet that do not land.
     """
@@ -67,7 +84,8 @@ def impacts(trajectory: Trajectory) -> list[Impact]:
         if feet.impulse.path in stored and feet.landing.path in stored:
             lands = stored[feet.landing.path] > 0
             impulses = np.where(lands[:, None], stored[feet.impulse.path].reshape(-1, 3), np.nan)
-            found.append(Impact(phase.name, float(phase.times[-1]), impulses))
+            normals = stored[feet.normal.path].reshape(-1, 3) if feet.normal.path in stored else None
+            found.append(Impact(phase.name, float(phase.times[-1]), impulses, normals))
     return found
 
 

@@ -31,13 +31,25 @@ feet = group(
     velocity=("m/s", "direction"),
     force=("N", "direction"),
     impulse=("N s", "direction"),
+    contact_force="N",
+    contact_impulse="N s",
     height="m",
+    clearance="m",
+    normal=("", "direction"),
+    normal_speed="m/s",
+    surfaces=("m", "point"),
+    normals=("", "direction"),
     reach="m",
     contact="",
     landing="",
     lifting="",
 )
-"""The feet. ``height`` is the distance between the foot's ball and the terrain. ``reach`` is the position of a foot
+"""The feet. ``height`` is the distance between the foot's ball and the ground where it stands; in the air, the ground
+between where it has stood and where it will. ``clearance`` are the distances that feet in the air keep, see
+:func:`~piaffe.models.foot_clearance`. ``normal`` is the upward normal of the ground where a foot stands,
+``normal_speed`` the speed along it. ``contact_force`` and ``contact_impulse`` are ``force`` and ``impulse`` in axes of
+the ground where the foot stands, the normal last. ``surfaces`` and ``normals`` are points and normals of planes of the
+terrain, (9 nf,): where the feet stand, what is below them, and what is beside them. ``reach`` is the position of a foot
 relative to the base's origin in the base's heading axes: ahead and left. ``force`` acts on the robot; it is zero for
 feet in the air. ``impulse`` acts on the robot in the impact at a phase's end, for terms with ``at="phase_end"``; it is
 zero for feet that do not take part. ``contact`` is 1 for feet on the ground, ``landing`` is 1 for feet that touch down

@@ -26,7 +26,8 @@ from piaffe.ocp import (
     rotation,
 )
 
-from .bindings import ground_normal
+from .bindings import ground_normal, in_contact_axes
+from .ground import declared_ground, ground_slots
 from .holding import holding_forces
 from .integrators import Integrator, begun, checked_integrator, finished, integrate
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, require_floating
@@ -34,6 +35,7 @@ from .postures import HEIGHT, XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
 from .robot import Robot, require_robot
 from .stance import Stance
+from .terrain import Terrain, checked_terrain
 
 Array = NDArray[np.float64]
 
@@ -56,6 +58,7 @@ class SingleRigidBody(LeggedModel):
         mass: m [kg]; by default the mass of all links.
         inertia: I in body axes, (3, 3) or its xx, yy, zz, xy, xz, yz [kg m²]; by default the inertia of the robot in
             its ``"stand"`` pose, about its centre of mass.
+        terrain: the ground, as for :class:`WholeBody`.
         integrator: ``"midpoint"`` or ``"euler"``, see :class:`WholeBody`; midpoint steps are exact in the position.
         name: name of the model.
     """
@@ -67,6 +70,7 @@ class SingleRigidBody(LeggedModel):
         mass: float | None = None,
         inertia: ArrayLike | None = None,
         integrator: Integrator = "midpoint",
+        terrain: Terrain | None = None,
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.SingleRigidBody")
@@ -76,11 +80,11 @@ class SingleRigidBody(LeggedModel):
                 "give one"
             )
         chosen = checked_integrator(integrator, ("euler", "midpoint"), f"rigid body of '{robot.name}'")
-        nf = len(robot.feet)
+        nf, ground = len(robot.feet), checked_terrain(terrain, "models.SingleRigidBody")
         slots = {
             "contact": np.zeros(nf),
             "footholds": np.zeros(3 * nf),
-            "terrain": 0.0,
+            **ground_slots(ground, nf),
             "mass": robot.mass if mass is None else mass,
             "inertia": _six(robot, _standing_inertia(robot) if inertia is None else inertia),
             "gravity": robot.model.gravity.linear,
@@ -91,6 +95,7 @@ class SingleRigidBody(LeggedModel):
         super().__init__(
             robot, name or f"{robot.name} rigid body", state, control, slots=slots, cut_by_modes=False,
             positive=("mass",), checks={"inertia": _refused_inertia},
+            terrain=ground,
         )  # fmt: skip
         self.integrator = chosen
 
@@ -100,17 +105,18 @@ class SingleRigidBody(LeggedModel):
 
     @property
     def slots_from_motion(self) -> Mapping[str, Quantity]:
-        """The footholds are the feet of the reference."""
-        return {"footholds": feet.position}
+        """The footholds are the feet of the reference, the planes below them those of the terrain there."""
+        return {"footholds": feet.position, **self.slots_of_ground}
 
     @property
     def acting(self) -> frozenset[Quantity]:
         """Contacts, footholds and forces act during a whole stage: a stage takes them at its middle."""
-        return frozenset({feet.contact, feet.position, feet.force})
+        return frozenset({feet.contact, feet.position, feet.force, *self.slots_of_ground.values()})
 
     def node_parameters(self, node: Node) -> dict[str, Array]:
         """Return the contact flags and the footholds of a node."""
-        return {"contact": self.flags(node.mode), "footholds": self._footholds(node.sample)}
+        values = {"contact": self.flags(node.mode), "footholds": self._footholds(node.sample)}
+        return values | {slot: np.asarray(node.sample[quantity]) for slot, quantity in self.slots_of_ground.items()}
 
     def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
         """Return the smallest forces that hold the body at rest, (N, 3 nf) [N]; see :func:`holding_forces`."""
@@ -142,10 +148,10 @@ class SingleRigidBody(LeggedModel):
         quantities = Quantities(self.name, self._makers(x, u, rotation.matrix(x[3:7]) @ tensor @ x[10:13], p))
         if at is x:
             next_state = cs.vertcat(integrate(x[:7], x[7:13], dt), v_next)
-            return Dynamics(cs.SX(0, 1), next_state, quantities, outputs=(feet.force,))
+            return Dynamics(cs.SX(0, 1), next_state, quantities, outputs=(feet.force, *self._recorded))
         step, first = self.integrator, cs.vertcat(at[:7], v_next)
         split = SplitStep(at, begun(step, x, 6, dt), cs.SX(0, 1), first, lambda w: finished(step, w, 6, dt))
-        return split.dynamics(quantities, outputs=(feet.force,))
+        return split.dynamics(quantities, outputs=(feet.force, *self._recorded))
 
     def invariants(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Invariants:
         """Return that the base falls freely if no foot is on the ground; the footholds are given, not integrated."""
@@ -177,14 +183,19 @@ class SingleRigidBody(LeggedModel):
     def _makers(self, x: cs.SX, u: cs.SX, spin: cs.SX, p: Mapping[str, cs.SX]) -> dict[str, Callable[[], Bound]]:
         """Return the functions that make the quantities; the centre of mass is the base's origin."""
         stacked, names = foot_labels(self.robot), self.robot.foot_names
+        ground = declared_ground(self.terrain, p)
+        places = cs.vertsplit(p["footholds"], 3) if names else []
+        planes = [Bound(feet.normal, p["normals"][: 3 * len(names)], stacked)] if self.slots_of_ground else []
         bound = [
             Bound(base.position, x[:3], XYZ),
             Bound(base.orientation, x[3:7], XYZ),
             Bound(base.linear_velocity, x[7:10], XYZ),
             Bound(base.angular_velocity, x[10:13], XYZ),
-            Bound(base.height, x[2] - p["terrain"], HEIGHT),
-            Bound(base.ground_normal, ground_normal(x[3:7], (0.0, 0.0)), XYZ),
+            Bound(base.height, x[2] - ground.mean_height(places), HEIGHT),
+            Bound(base.ground_normal, ground_normal(x[3:7], ground.slope(places)), XYZ),
             Bound(feet.force, u, stacked),
+            Bound(feet.contact_force, in_contact_axes(ground, u), stacked),
+            *planes,
             Bound(feet.position, p["footholds"], stacked),
             Bound(feet.contact, p["contact"], names),
             Bound(com.position, x[:3], XYZ),
@@ -200,8 +211,7 @@ class SingleRigidBody(LeggedModel):
         x, y, yaw = self.planar_frame(sample)
         level = rotation.np_from_rpy(np.array([0.0, 0.0, yaw]))
         placed = place_feet(self.robot, np.array([x, y, 0.0]), level, self.robot.pose("stand"))
-        placed[:, 2] = self.robot.foot_radius
-        return placed.ravel()
+        return self.reference_ground.standing(placed[:, :2], self.robot.foot_radius).ravel()
 
 
 def _same(bound: Bound) -> Bound:

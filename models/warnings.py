@@ -18,6 +18,7 @@ from .postures import SHORT_NAMES
 from .quantities import base, joints
 from .robot import Robot, to_pinocchio
 from .stance import Stance
+from .terrain import Terrain
 
 Array = NDArray[np.float64]
 
@@ -62,11 +63,14 @@ class PlacedKeyframe:
         return bool(self.named & _POSE) and joints.position in self.sample
 
 
-def keyframe_warnings(robot: Robot, resolve: Callable[[Hashable], Stance], path: Path) -> list[ProblemWarning]:
+def keyframe_warnings(
+    robot: Robot, terrain: Terrain, resolve: Callable[[Hashable], Stance], path: Path
+) -> list[ProblemWarning]:
     """Return warnings about the keyframes of a motion; pieces with another reference have none.
 
     Args:
         robot: the robot.
+        terrain: the ground.
         resolve: function that returns the feet on the ground in a phase's mode.
         path: the motion's path.
     """
@@ -75,7 +79,7 @@ def keyframe_warnings(robot: Robot, resolve: Callable[[Hashable], Stance], path:
     for keyframe in keyframes:
         if keyframe.has_pose:
             warnings += _limits(robot, keyframe)
-            warnings += _feet(robot, keyframe)
+            warnings += _feet(robot, terrain, keyframe)
             warnings += _torques(robot, keyframe)
     return warnings + (list(_flights(robot, path, keyframes)) if robot.base == "free" else [])
 
@@ -114,13 +118,17 @@ def _limits(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
         yield ProblemWarning(keyframe.where, what, keyframe.placed.phase.source)
 
 
-def _feet(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
+def _feet(robot: Robot, terrain: Terrain, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
     """Yield feet that stand or land but are not on the ground."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, _configuration(robot, keyframe.sample)[0])
     for names, what in ((keyframe.stance, "stance"), (keyframe.landing, "landing")):
         frames = {name: robot.frame_id(robot.foot(name).frame) for name in names}
-        heights = {name: float(data.oMf[i].translation[2]) - robot.foot_radius for name, i in frames.items()}
+        places = {name: np.array(data.oMf[i].translation) for name, i in frames.items()}
+        heights = {
+            name: float(place[2] - terrain.standing(place[None, :2], robot.foot_radius)[0, 2])
+            for name, place in places.items()
+        }
         off = {name: height for name, height in heights.items() if abs(height) > OFF_GROUND}
         if off:
             got = ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())

@@ -24,8 +24,9 @@ from piaffe.ocp import (
 
 from . import natural
 from ._numeric import NumericWholeBody
-from .bindings import absent_quantities, bind_motion, foot_points, frame_points, stacked
+from .bindings import absent_quantities, bind_motion, foot_points, frame_points, in_contact_axes, stacked
 from .contact_system import contact_residual, impact_residual
+from .ground import declared_ground, ground_slots
 from .integrators import INTEGRATORS, Integrator, begun, checked_integrator, feet_follow_stance, finished, integrate
 from .joint_losses import FRICTION_SPEED
 from .legged import state_blocks
@@ -34,7 +35,7 @@ from .quantities import feet, joints
 from .recursions import Recursion
 from .redundant_contacts import refuse_redundant_contacts
 from .robot import Robot, require_robot
-from .terrain import Flat
+from .terrain import Terrain, checked_terrain
 from .tree import Tree
 from .whole_body_checks import SLOT_CHECKS, check_numbers, require_motors
 
@@ -43,7 +44,8 @@ Impact = Literal["contact", "landing"]
 
 _GAMMA = 20.0  # Baumgarte's γ [1/s], as published
 _ONLY_AT_IMPACTS = 'it exists for terms with at="phase_end", at the end of a phase whose next one lands feet'
-_OF_STAGES = (feet.force.path, joints.torque.path, joints.acceleration.path)
+_OF_RESETS = (feet.impulse.path, feet.contact_impulse.path)
+_OF_STAGES = (feet.force.path, feet.contact_force.path, joints.torque.path, joints.acceleration.path)
 
 
 class WholeBody(NumericWholeBody):
@@ -71,6 +73,8 @@ class WholeBody(NumericWholeBody):
         contact_damping: d [1/kg], needed if contact points are redundant; None for rigid contacts.
         impact: which feet take part in an impact. ``"contact"``: every foot of the following contact set, so that feet
             that stand before and after are held; ``"landing"``: only the feet that land, as published.
+        terrain: the ground, see :mod:`piaffe.models.terrain`; level at z = 0 by default. Where a foot stands, and on
+            which plane, follows from the reference of the motion; see :class:`~piaffe.models.footing.Footing`.
         friction_speed: speed v₀ over which dry friction of the joints changes its sign, q̇ / √(q̇² + v₀²) [rad/s].
         name: name of the model; the robot's by default.
 
@@ -87,6 +91,7 @@ class WholeBody(NumericWholeBody):
         contact_damping: float | None = None,
         impact: Impact = "contact",
         friction_speed: float = FRICTION_SPEED,
+        terrain: Terrain | None = None,
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.WholeBody")
@@ -95,12 +100,13 @@ class WholeBody(NumericWholeBody):
         check_numbers(robot, baumgarte, contact_damping, impact, friction_speed)
         require_motors(robot)
         tree, nf = Tree.from_pinocchio(robot.model, fixed=robot.base == "fixed"), len(robot.feet)
+        ground = checked_terrain(terrain, "models.WholeBody")
         slots = {
             "contact": np.zeros(nf),
             "landing": np.zeros(nf),
             "lifting": np.zeros(nf),
             "impact": np.zeros(nf),
-            "terrain": 0.0,
+            **ground_slots(ground, nf),
             "foot_radius": robot.foot_radius,
             "gamma": gamma,
             "contact_damping": contact_damping or 0.0,
@@ -115,8 +121,9 @@ class WholeBody(NumericWholeBody):
         }
         control, blocks = Manifold((Block(joints.torque, robot.motor_names),)), state_blocks(robot)
         super().__init__(
-            robot, name or robot.name, blocks, control, slots=slots, positive=("friction_speed",), checks=SLOT_CHECKS
-        )
+            robot, name or robot.name, blocks, control, slots=slots, positive=("friction_speed",), checks=SLOT_CHECKS,
+            terrain=ground,
+        )  # fmt: skip
         self.integrator = chosen
         self.impact_rule: Impact = impact
         self._baumgarte = None if baumgarte is None and chosen == "midpoint" else gamma
@@ -162,14 +169,16 @@ class WholeBody(NumericWholeBody):
         residual, acting = contact_residual(motion, self.contacts, self.joint_torques(u), z, dt, p)
         v_next = v + a * dt
         node = motion if at is x else Recursion(self.tree, x[:nq], x[nq:], a)
-        absent = {feet.impulse.path: _ONLY_AT_IMPACTS, **absent_quantities(self.robot)}
+        absent = {**dict.fromkeys(_OF_RESETS, _ONLY_AT_IMPACTS), **absent_quantities(self.robot)}
         quantities = Quantities(self.name, self._makers(node, x, u, acting, p), absent)
         if at is x:
-            return Dynamics(residual, cs.vertcat(integrate(q, v, dt), v_next), quantities, outputs=(feet.force,))
+            return Dynamics(
+                residual, cs.vertcat(integrate(q, v, dt), v_next), quantities, outputs=(feet.force, *self._recorded)
+            )
         step = self.integrator
         begin = begun(step, x, nv, dt)
         split = SplitStep(at, begin, residual, cs.vertcat(q, v_next), lambda w: finished(step, w, nv, dt))
-        return split.dynamics(quantities, outputs=(feet.force,))
+        return split.dynamics(quantities, outputs=(feet.force, *self._recorded))
 
     def reset(self, key: str, x: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Reset:
         """Return the inelastic impact at a phase's end; the configuration does not change.
@@ -182,13 +191,15 @@ class WholeBody(NumericWholeBody):
         nq, nv = self.nq, self.nv
         q, v, v_next = x[:nq], x[nq:], z[:nv]
         residual = impact_residual(self.tree, self.contacts, q, v, z, p)
-        makers = bind_motion(self.robot, self._points, Recursion(self.tree, q, v), x, p, Flat(p["terrain"]))
+        ground = declared_ground(self.terrain, p)
+        makers = bind_motion(self.robot, self._points, Recursion(self.tree, q, v), x, p, ground)
         lands = stacked([cs.repmat(p["landing"][i], 3, 1) for i in range(self.num_feet)])
         makers.supply(feet.impulse, foot_labels(self.robot), lambda: z[nv:], lands)
+        makers.supply(feet.contact_impulse, foot_labels(self.robot), lambda: in_contact_axes(ground, z[nv:]), lands)
         absent = dict.fromkeys(_OF_STAGES, "there is no control at the end of a phase")
         absent |= absent_quantities(self.robot)
-        quantities, outputs = Quantities(self.name, makers, absent), (feet.impulse, feet.landing)
-        return Reset(residual, cs.vertcat(q, v_next), quantities, outputs)
+        quantities = Quantities(self.name, makers, absent)
+        return Reset(residual, cs.vertcat(q, v_next), quantities, (feet.impulse, feet.landing, *self._recorded))
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
         """Return the heights of the feet, with the landing feet as mask."""
@@ -197,7 +208,7 @@ class WholeBody(NumericWholeBody):
 
     def invariants(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Invariants:
         """Return that feet on the ground do not move, and that the centre of mass falls freely if none is there."""
-        place, height = (quantities.bind(each).value for each in (feet.position, feet.height))
+        place, height = quantities.bind(feet.position).value, self.true_heights(quantities, p)
         contacts = tuple(
             ContactPoint(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
             for i, name in enumerate(self.robot.foot_names)
@@ -210,8 +221,12 @@ class WholeBody(NumericWholeBody):
     ) -> dict[str, Callable[[], Bound]]:
         """Return the functions that make the quantities."""
         on_each = stacked([cs.repmat(p["contact"][i], 3, 1) for i in range(self.num_feet)])
-        makers = bind_motion(self.robot, self._points, motion, x, p, Flat(p["terrain"]))
+        ground = declared_ground(self.terrain, p)
+        makers = bind_motion(self.robot, self._points, motion, x, p, ground)
         makers.supply(joints.acceleration, self.robot.joint_names, lambda: motion.a[6:])
         makers.supply(joints.torque, self.robot.motor_names, lambda: u)
         makers.supply(feet.force, foot_labels(self.robot), lambda: stacked(forces), on_each)
+        makers.supply(
+            feet.contact_force, foot_labels(self.robot), lambda: in_contact_axes(ground, stacked(forces)), on_each
+        )
         return makers

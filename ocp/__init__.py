@@ -27,6 +27,7 @@ from .horizon import moved_symbols as moved_symbols
 from .language import ORIGIN as ORIGIN
 from .language import SAME_TIME as SAME_TIME
 from .language import TIME_STEP as TIME_STEP
+from .language import AddedTargets as AddedTargets
 from .language import BallisticPoint as BallisticPoint
 from .language import Block as Block
 from .language import Bound as Bound

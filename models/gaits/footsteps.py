@@ -122,6 +122,7 @@ class Footsteps:
         self._firsts: list[int] = []  # per foot, the number of the first of them
         self._stances: list[Array] = []
         self._holds: list[Array] = []
+        self._apexes: list[Array] = []
         self._keep: list[tuple[int, Array]] = []  # per foot, the stance whose foothold is given, and this foothold
         self._held = np.inf  # the time of these stances [s]
 
@@ -134,20 +135,21 @@ class Footsteps:
             foothold: as in the constructor.
         """
         self._extend(t, t)
-        other = Footsteps(self.schedule, self._start, self._ground, self._swing_height, foothold)
+        other = self._like(foothold)
         other._keep, other._held = [], t
         for foot, (stances, holds) in enumerate(zip(self._stances, self._holds, strict=True)):
             i = int(np.searchsorted(stances[:, 0], t + SAME_TIME, side="right")) - 1
             now = holds[i].copy()
             if feet is not None and t <= stances[i, 1] + SAME_TIME:
                 now[:2] = feet[foot, :2]
+                now = self._on_ground(now)
             other._keep.append((self._firsts[foot] + i, now))
         return other
 
     def at(self, t: Array) -> tuple[Array, Array]:
         """Return positions, (S, nf, 3) [m], and velocities, (S, nf, 3) [m/s], of the feet at times (S,) [s]."""
         self._extend(float(np.min(t)), float(np.max(t)))
-        feet = [self._swing(stances, holds, t) for stances, holds in zip(self._stances, self._holds, strict=True)]
+        feet = [self._swing(*foot, t) for foot in zip(self._stances, self._holds, self._apexes, strict=True)]
         return np.stack([p for p, _ in feet], axis=-2), np.stack([v for _, v in feet], axis=-2)
 
     def _extend(self, since: float, until: float) -> None:
@@ -172,17 +174,34 @@ class Footsteps:
             begins = 0
             if not first:
                 begins = 1
-                holds[0] = (
-                    start if np.isfinite(stances[0, 1]) and stances[0, 1] <= SAME_TIME else (*start[:2], self._ground)
-                )
+                flies = np.isfinite(stances[0, 1]) and stances[0, 1] <= SAME_TIME
+                holds[0] = start if flies else self._on_ground(np.array([*start[:2], self._ground]))
             holds[begins:, :2] = self._foothold(foot, touchdown[begins:], length[begins:])
+            holds[begins:] = self._on_ground(self._clear(holds[begins:]))
             if self._keep:
                 holds[self._keep[foot][0] - first] = self._keep[foot][1]
             self._firsts.append(first)
             self._stances.append(stances)
             self._holds.append(holds)
+        self._apexes = [self._highest(holds) for holds in self._holds]
 
-    def _swing(self, stances: Array, holds: Array, t: Array) -> tuple[Array, Array]:
+    def _like(self, foothold: Foothold) -> Footsteps:
+        """Return new footsteps with the same numbers and other footholds."""
+        return Footsteps(self.schedule, self._start, self._ground, self._swing_height, foothold)
+
+    def _on_ground(self, holds: Array) -> Array:
+        """Return where feet stand at places, (..., 3) [m]; on level ground these are the places."""
+        return holds
+
+    def _clear(self, holds: Array) -> Array:
+        """Return the nearest good footholds, (..., 3) [m]; on level ground all are good."""
+        return holds
+
+    def _highest(self, holds: Array) -> Array:
+        """Return the apex of the swing from each foothold to the next, (k,) [m]."""
+        return np.asarray(np.maximum(holds[:, 2], np.append(holds[1:, 2], holds[-1:, 2])) + self._swing_height)
+
+    def _swing(self, stances: Array, holds: Array, apexes: Array, t: Array) -> tuple[Array, Array]:
         """Return a foot's position and velocity, (S, 3) each: one cubic in the plane, two in height (up and down)."""
         i = np.searchsorted(stances[:, 0], t + SAME_TIME, side="right") - 1
         j = np.minimum(i + 1, len(stances) - 1)
@@ -191,19 +210,19 @@ class Footsteps:
         length = np.where(swings, land - lift, 1.0)
         s = np.where(swings, (t - np.where(swings, lift, 0.0)) / length, 0.0)
         place, rate = holds[i].copy(), np.zeros((len(t), 3))
-        progress, slope = _cubic(s)
+        progress, slope = cubic(s)
         step = holds[j] - holds[i]
         place[:, :2] += progress[:, None] * step[:, :2]
         rate[:, :2] = (slope / length)[:, None] * step[:, :2] * swings[:, None]
         rises = s < 0.5
-        apex = np.maximum(holds[i, 2], holds[j, 2]) + self._swing_height
+        apex = apexes[i]
         low, high = np.where(rises, holds[i, 2], apex), np.where(rises, apex, holds[j, 2])
-        progress, slope = _cubic(np.where(rises, 2 * s, 2 * s - 1))
+        progress, slope = cubic(np.where(rises, 2 * s, 2 * s - 1))
         place[:, 2] = np.where(swings, low + progress * (high - low), place[:, 2])
         rate[:, 2] = slope * 2 / length * (high - low) * swings
         return place, rate
 
 
-def _cubic(s: Array) -> tuple[Array, Array]:
+def cubic(s: Array) -> tuple[Array, Array]:
     """Return s² (3 − 2 s) and its derivative."""
     return s**2 * (3 - 2 * s), 6 * s * (1 - s)

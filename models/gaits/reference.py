@@ -25,10 +25,13 @@ from piaffe.ocp import (
 
 from ..legged import LeggedModel, require_floating
 from ..quantities import base, feet, joints
+from ..terrain import Flat
 from .base_path import BasePath, ease, turn_by
+from .base_slope import PlanarMotion, SlopeReference
 from .footsteps import BOX, STRETCH, ContactSchedule, Footsteps
 from .functions import GaitFunctions
 from .step_expressions import StepExpressions
+from .terrain_footsteps import TerrainFootsteps
 
 Array = NDArray[np.float64]
 
@@ -66,7 +69,7 @@ class GaitReference(Reference):
         lag_gain: velocity that is added to the command to make up for the lag of the base behind the integral of the
             command, per length of the lag [1/s]. With 0 an error of the speed stays.
         lag_limit: largest lag that is made up for, forward and left [m]. What is beyond, as after a push, is forgotten.
-        terrain: height of the ground [m].
+        terrain: height of level ground [m]; None for the ground of the model.
     """
 
     speed: float = 0.5
@@ -79,11 +82,12 @@ class GaitReference(Reference):
     heading_limit: float = 0.15
     lag_gain: float = 0.0
     lag_limit: float = 0.05
-    terrain: float = 0.0
+    terrain: float | None = None
 
     def __post_init__(self) -> None:
-        for key in ("speed", "lateral_speed", "yaw_rate", "ramp", "terrain"):
+        for key in ("speed", "lateral_speed", "yaw_rate", "ramp"):
             self._require(key, np.isfinite(getattr(self, key)), "a finite number")
+        self._require("terrain", self.terrain is None or np.isfinite(self.terrain), "a finite number")
         self._require("ramp", self.ramp >= 0, "seconds ≥ 0")
         self._require("height", self.height is None or 0 < self.height < np.inf, "metres > 0")
         self._require("heading_limit", 0 <= self.heading_limit <= np.pi, "0 to π rad")
@@ -129,15 +133,20 @@ class BoundGait(BoundReference):
         self._gravity = float(np.linalg.norm(self.robot.model.gravity.linear)) or 9.81
         self._home = self.kinematics.feet(self.robot.pose("stand"))
         self._anchor, self._error, self._lag = np.inf, np.zeros(2), np.zeros(2)
+        self.ground = model.reference_ground if gait.terrain is None else Flat(gait.terrain)
+        self._level = float(self.ground.level) if isinstance(self.ground, Flat) else 0.0
         self._begin(start)
         once, cycle = (tuple((p.duration, model.flags(p.mode)) for p in phases) for phases in (piece.once, piece.cycle))
         schedule = ContactSchedule(once, cycle)
         swing = gait.swing_height if gait.swing_height is not None else 0.15 * float(self.kinematics.reach.min())
-        ground = gait.terrain + self.robot.foot_radius
+        ground = self._level + self.robot.foot_radius
         self._steps = StepExpressions(
             self._home, self.kinematics.reach, ground, swing, self._gravity, gait.velocity_gain
         )
-        self.footsteps = Footsteps(schedule, self._first_feet(start), ground, swing, self._footholds)
+        self.footsteps = self._made_footsteps(schedule, self._first_feet(start), ground, swing)
+        self._slope = _slope_of(self.footsteps)
+        if self._slope is not None:
+            self._posture -= self._slope.posture(np.zeros(1), self._planar(np.zeros(1)))[0][0]
         self._weight = self._mean_force(schedule)
         self._kept: dict[float, dict[Quantity, Array]] = {}
         self._check_reach(schedule)
@@ -176,14 +185,14 @@ class BoundGait(BoundReference):
             base.orientation: orientation,
             base.linear_velocity: velocity,
             base.angular_velocity: omega,
-            base.height: position[:, 2:] - self.gait.terrain,
-            base.ground_normal: inward[..., 2],
+            base.height: position[:, 2:] - self._below(t),
+            base.ground_normal: self._normal(t, inward),
             joints.position: angles,
             joints.velocity: self.kinematics.joint_velocities(angles, relative),
             feet.position: place.reshape(len(t), -1),
             feet.velocity: swing.reshape(len(t), -1),
             feet.reach: turn_by(-yaw[:, None], (place - position[:, None])[..., :2]).reshape(len(t), -1),
-            feet.height: place[..., 2] - (self.gait.terrain + self.robot.foot_radius),
+            feet.height: place[..., 2] - (self._level + self.robot.foot_radius),
         }
 
     def anchored(self, t: float, actual: Sample) -> BoundGait:
@@ -214,15 +223,26 @@ class BoundGait(BoundReference):
         moved._anchor, moved._error = t, velocity - moved._aimed.velocity(now)[0]
         where = np.asarray(actual[feet.position]).reshape(-1, 3) if feet.position in actual else None
         moved.footsteps = self.footsteps.held(t, where, moved._footholds)
+        moved._slope = _slope_of(moved.footsteps)
         moved._kept = {}
         return moved
 
     def functions(self) -> ReferenceFunctions:
-        """Return the gait as CasADi functions of time and of speed, lateral speed, yaw rate and height."""
+        """Return the gait as CasADi functions of time and of speed, lateral speed, yaw rate and height.
+
+        Raises:
+            ProblemError: the ground is not level.
+        """
+        if self._slope is not None:
+            raise ProblemError(
+                f"gait of robot '{self.robot.name}': has no functions of time on this ground - got {self.ground}, "
+                "expected level ground where a controller plans again and again; use phases with keyframes or a "
+                "trajectory there, or leave terrain out of the model"
+            )
         command = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate, self._height])
         numbers = GaitFunctions(
             self.model.state, self.kinematics, self.footsteps.schedule, self._steps, command, self.gait.ramp,
-            self.gait.heading_limit, self.gait.lag_gain, self.gait.lag_limit, self.gait.terrain, self._weight,
+            self.gait.heading_limit, self.gait.lag_gain, self.gait.lag_limit, self._level, self._weight,
         )  # fmt: skip
         return numbers.compile()
 
@@ -250,8 +270,11 @@ class BoundGait(BoundReference):
 
     def _base(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return position, roll-pitch-yaw, linear velocity and rates of roll-pitch-yaw, (S, 3) each."""
-        upright = np.array([self.gait.terrain + self._height, 0.0, 0.0])
+        upright = np.array([self._level + self._height, 0.0, 0.0])
         posture, rates = ease(t, self.gait.ramp, self._posture, upright)
+        if self._slope is not None:
+            more, faster = self._slope.posture(t, self._planar(t))
+            posture, rates = posture + more, rates + faster
         yaw, turning = self._aimed.yaw(t), self._aimed.command(t)[:, 2]
         return (
             np.column_stack([self._aimed.position(t), posture[:, 0]]),
@@ -260,7 +283,25 @@ class BoundGait(BoundReference):
             np.column_stack([rates[:, 1:], turning]),
         )
 
+    def _planar(self, t: Array) -> PlanarMotion:
+        return PlanarMotion(
+            self._aimed.position(t), self._aimed.velocity(t), self._aimed.yaw(t), self._aimed.command(t)[..., 2]
+        )
+
+    def _below(self, t: Array) -> Any:
+        """Return the height of the ground below the feet, (S, 1), or one number if it is level [m]."""
+        return self._level if self._slope is None else self._slope.mean_height(t)[:, None]
+
+    def _normal(self, t: Array, inward: Array) -> Array:
+        """Return the upward normal of the ground in the axes of the base, (S, 3)."""
+        return inward[..., 2] if self._slope is None else (inward @ self._slope.normal(t)[..., None])[..., 0]
+
     # ---- the feet
+
+    def _made_footsteps(self, schedule: ContactSchedule, start: Array, ground: float, swing: float) -> Footsteps:
+        if isinstance(self.ground, Flat):
+            return Footsteps(schedule, start, ground, swing, self._footholds)
+        return TerrainFootsteps(schedule, start, ground, swing, self._footholds, self.ground, self.robot.foot_radius)
 
     def _first_feet(self, start: Sample) -> Array:
         if feet.position in start:
@@ -297,6 +338,8 @@ class BoundGait(BoundReference):
         once = sum(duration for duration, _ in schedule.once)
         settled = self.gait.ramp + once + schedule.period if schedule.cycle else min(self.gait.ramp, once)
         t = settled + np.arange(0.0, max(schedule.period or once - settled, _STEP), _STEP)
+        if self._slope is not None and np.isfinite(self.piece.duration):
+            t = np.arange(settled, self.piece.duration, _STEP)
         position, rpy, _, _ = self._base(t)
         place, _ = self.footsteps.at(t)
         tolerance = 0.1 * _MISS * float(self.kinematics.reach.min())
@@ -309,3 +352,7 @@ class BoundGait(BoundReference):
                 f"{self._height:.3f} m, expected a foot within reach of its leg; lower the speed, the height or the "
                 "stance time"
             )
+
+
+def _slope_of(footsteps: Footsteps) -> SlopeReference | None:
+    return SlopeReference(footsteps) if isinstance(footsteps, TerrainFootsteps) else None

@@ -14,13 +14,14 @@ from piaffe.errors import ModelError
 from piaffe.ocp import Block, Dynamics, Manifold, Node, Quantities, Quantity, is_same_time, rotation
 
 from ..bindings import absent_quantities, bind_motion, frame_points
+from ..ground import Exact
 from ..kinematics import Kinematics
 from ..legged import LeggedModel, state_blocks
 from ..per_joint import per_joint
 from ..quantities import feet, joints
 from ..recursions import Recursion
 from ..robot import Robot, require_robot
-from ..terrain import Flat, Terrain
+from ..terrain import Terrain
 from ..tree import Tree
 from .action import Action, BoundAction, joint_targets
 from .contact import SoftContact, declare_pairs
@@ -97,7 +98,6 @@ class Mujoco(LeggedModel):
                 raise ModelError(
                     f"models.Mujoco: {what} is unusable - got {got!r}, expected a {kind.__name__}; make one, as {maker}"
                 )
-        self.terrain: Terrain = terrain if terrain is not None else Flat()
         self.timestep, self.substeps = _step(robot, timestep, substeps)
         self.contact, self.friction = contact or SoftContact(), float(friction)
         self.declared_action = action or joint_targets()
@@ -117,7 +117,7 @@ class Mujoco(LeggedModel):
             control,
             slots=slots,
             cut_by_modes=False,
-            terrain=self.terrain,
+            terrain=terrain,
         )
         self.tree = Tree.from_pinocchio(loaded.model, fixed=robot.base == "fixed")
         self._points, self._legs = frame_points(robot), Kinematics(robot)
@@ -152,7 +152,7 @@ class Mujoco(LeggedModel):
         known = {name: cs.SX(np.ravel(value)) for name, value in links.items()}
         known["foot_radius"] = cs.SX(self.robot.foot_radius)
         make, names = (
-            bind_motion(self.robot, self._points, motion, x, {**p, **known}, self.terrain),
+            bind_motion(self.robot, self._points, motion, x, {**p, **known}, Exact(self.terrain)),
             self.robot.joint_names,
         )
         if self.action.quantity == joints.target:

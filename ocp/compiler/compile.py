@@ -38,6 +38,7 @@ from ..language import (
     model_of,
     parameter_names,
 )
+from .added import with_added
 from .checks import check_columns, check_guess, check_last, check_models, check_names, check_targets
 from .compiled import CompiledProblem
 from .compiled_phase import CompiledPhase
@@ -170,7 +171,7 @@ class Compilation:
         check_targets(problem.motion, models)
         check_last(problem.motion)
         check_models(problem.schedule)
-        self.path: Path = _placed(problem, tuple(models), self.start)
+        self.path: Path = with_added(_placed(problem, tuple(models), self.start), models, problem.where)
         self.models = models
         scoped = problem.scoped_terms()
         self.terms = tuple(term for term, _ in scoped)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from piaffe.errors import ProblemError
 
 from ..compiler.compile import Compilation
-from ..language import ORIGIN, Cost, PlanarFrame, Quantity, relative
+from ..language import ORIGIN, Cost, PlanarFrame, Quantity, ReferenceFunctions, relative
 from .calendar import Calendar
 from .course import PieceTable
 from .tables import tracked_quantities
@@ -55,6 +55,7 @@ class Samples:
         entries = [e for e, entry in enumerate(calendar.entries) if entry.placed.piece == number]
         first, last = frame_of(self.at[entries[0]][0]), frame_of(self.at[entries[-1]][-1])
         functions = self._compilation.path.placed[number].reference.functions()
+        self._refuse_unknown_ground(number, functions)
         if functions is None:
             none = np.zeros((len(entries), 0))
             return PieceTable(None, (), none, np.zeros(0), first, last, self._turn(number))
@@ -67,6 +68,18 @@ class Samples:
         schedules = np.array([functions.schedule(calendar.entries[e].placed.index) for e in entries])
         places = self.targets.of_function(functions.quantities)
         return PieceTable(functions, places, schedules, start, first, last, ORIGIN)
+
+    def _refuse_unknown_ground(self, number: int, functions: ReferenceFunctions | None) -> None:
+        """Raise if a piece has no end of its own at which what models add to its targets is known."""
+        motion, added = self._compilation.problem.motion, self._compilation.path.added
+        if not added or (functions is None and not motion.pieces[number].is_endless):
+            return
+        first = motion.pieces[number].phases[0]
+        raise ProblemError(
+            f"motion, phase '{first.name}' ({first.source}): goes on where the ground is not known beforehand - got "
+            f"{added[0].origin} below a motion without tables, expected a finite motion with keyframes or a "
+            "trajectory; choose a number of cycles with .cycles(n), or leave terrain out of the model"
+        )
 
     def _target_vector(self) -> TargetVector:
         models = self._compilation.models

@@ -37,6 +37,7 @@ from .parameter_names import check_value as check_value
 from .parameter_names import find_key as find_key
 from .parameter_names import merged as merged
 from .parameter_names import parameter_names as parameter_names
+from .path import AddedTargets as AddedTargets
 from .path import Path as Path
 from .phase import Free as Free
 from .phase import Keyframe as Keyframe

@@ -294,6 +294,13 @@ class ModelBase(ABC):
         """
         return {}
 
+    def added_targets(self, path: object) -> object | None:
+        """Return the targets that the model adds to those of a motion, an ``ocp.Path``: ``ocp.AddedTargets``, or None.
+
+        A slot of :attr:`slots_from_motion` may take them.
+        """
+        return None
+
     @property
     def acting(self) -> frozenset[Quantity]:
         """What acts on the model during a whole stage in which contacts may change; by default nothing.

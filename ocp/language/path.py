@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,6 +12,25 @@ from math import inf, nextafter
 from .model import Sample
 from .piece import BoundReference, Piece, PlacedPhase, placed_phases
 from .time import SAME_TIME
+
+
+class AddedTargets(ABC):
+    """Targets that a model adds to those of a motion, which follow from them: the ground below the feet."""
+
+    @property
+    @abstractmethod
+    def origin(self) -> object:
+        """What they come from; the models of one schedule that add targets must have equal ones."""
+
+    @abstractmethod
+    def at(self, t: float, interval: PlacedPhase, sample: Sample) -> Sample:
+        """Return the added targets, which replace those of the same quantity.
+
+        Args:
+            t: time since the motion's start [s].
+            interval: the phase, which selects the side where targets jump.
+            sample: the motion's targets.
+        """
 
 
 @dataclass(frozen=True)
@@ -28,10 +48,12 @@ class Path:
     Args:
         pieces: the pieces of the motion, in order.
         placed: start and reference of each piece.
+        added: what models add to the targets.
     """
 
     pieces: tuple[Piece, ...]
     placed: tuple[PlacedPiece, ...]
+    added: tuple[AddedTargets, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -41,7 +63,10 @@ class Path:
     def sample(self, t: float, interval: PlacedPhase) -> Sample:
         """Return the targets at time t [s] in a phase; where targets jump, the phase selects the side of the jump."""
         piece = self.placed[interval.piece]
-        return piece.reference.sample(t - piece.start, interval.index)
+        sample = piece.reference.sample(t - piece.start, interval.index)
+        for each in self.added:
+            sample = {**sample, **each.at(t, interval, sample)}
+        return sample
 
     def intervals(self, until: float) -> list[PlacedPhase]:
         """Return the phases that begin before a time [s]."""

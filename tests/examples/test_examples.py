@@ -326,3 +326,26 @@ def test_processes_of_their_own_collect_for_a_value(tmp_path):
     assert ran.returncode == 0, ran.stderr
     assert out.is_file()
     assert len(list((tmp_path / "some.work").glob("*/data/shard-*"))) == 2
+
+
+# ---- on terrain
+
+
+@pytest.mark.parametrize(
+    ("example", "name"),
+    [
+        ("stairs_trot", "problem"),
+        ("stairs_trot", "slope"),
+        ("box_jump", "problem"),
+        pytest.param("box_jump", "go2", marks=pytest.mark.slow),
+        pytest.param("box_jump", "anymal_c", marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::piaffe.PiaffeWarning")  # the hind legs of ANYmal cannot hold the kick at rest
+def test_a_motion_on_terrain_is_solved_and_followed(example, name, load):
+    found = getattr(load(example), name)
+    problem = found() if callable(found) else found
+    solution = solvers.MSiLQR(problem, solvers.Options(max_iterations=200)).solve().raise_if_failed()
+    checked(problem, solution)
+    execution = execute(solution, problem, seeds=2)
+    assert execution.holds, execution

@@ -6,7 +6,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from piaffe import models
+from piaffe import models, ocp
 from piaffe.errors import ProblemError
 
 ROBOT = models.load("go2")
@@ -24,7 +24,7 @@ def node(**feet):
 def test_friction_pyramid_has_five_faces_per_foot_and_masks_feet_in_the_air():
     friction = models.friction_cone(mu=0.5)
     force = [1.0, -2.0, 10.0, 0, 0, 0, 6.0, 0, 10.0, 0, 0, -3.0]
-    s = node(force=force, contact=[1, 0, 1, 1])
+    s = node(contact_force=force, contact=[1, 0, 1, 1])
     faces = rows(friction.function(s, mu=cs.SX(friction.parameters["mu"]))).reshape(4, 5)
     assert faces[0] == pytest.approx([10, 4, 6, 7, 3])
     assert faces[2] == pytest.approx([10, -1, 11, 5, 5])
@@ -82,7 +82,7 @@ def test_base_height_has_two_bounds():
 
 def test_clearance_concerns_feet_in_the_air_that_have_not_just_left():
     clearance = models.foot_clearance()
-    s = node(contact=[1, 0, 0, 1], lifting=[0, 1, 0, 0], height=[0.0, 0.01, 0.02, 0.03])
+    s = node(contact=[1, 0, 0, 1], lifting=[0, 1, 0, 0], clearance=[0.0, 0.01, 0.02, 0.03])
     assert rows(clearance.mask(s)).tolist() == [0, 0, 1, 0]
     assert rows(clearance.function(s)) == pytest.approx([0.0, 0.01, 0.02, 0.03])
 
@@ -100,3 +100,29 @@ def test_numbers_out_of_range_are_refused():
         ProblemError, match=r"friction_cone \(.*py:\d+\): mu is out of range - got 'dry', expected a positive"
     ):
         models.friction_cone(mu="dry")
+
+
+@pytest.mark.parametrize(
+    ("make", "scale"),
+    [
+        (models.friction_cone, 50.0), (models.torque_limits, 4.0), (models.joint_limits, 0.5),
+        (models.joint_speed_limits, 3.0), (models.foot_clearance, 0.02),
+    ],
+)  # fmt: skip
+def test_a_violation_is_divided_by_the_scale(make, scale):
+    body = models.WholeBody(models.load("solo12"))
+    motion = ocp.Motion(
+        ocp.Phase("stand", models.stance("FL FR HL HR"), 0.04), ocp.Phase("fly", models.stance(""), 0.04)
+    )
+    objective = ocp.Objective(ocp.regularize(models.joints.torque, weight=1.0))
+
+    def values(constraint):
+        problem = ocp.Problem(
+            motion, body.until_end(dt=0.02), objective, ocp.Constraints(constraint), initial=body.state()
+        )
+        phase = ocp.compile_problem(problem).phases[0]
+        x, u = body.state(joints="crouch"), np.full(12, 0.3)
+        *_, g, _ = phase.mode.functions["stage"](x, u, np.full(phase.mode.nz, 2.0), phase.p[0])
+        return g.full().ravel()
+
+    assert np.allclose(values(make()), scale * values(make(scale=scale)), atol=1e-9)

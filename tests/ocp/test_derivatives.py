@@ -1,8 +1,10 @@
 """Every derivative of every model, mode, term and reset agrees with differences at the rate that differences allow."""
 
 import inspect
+import math
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -26,7 +28,8 @@ SHIPPED = {
     "base_height": constraints.base_height(minimum=0.1, maximum=0.6),
     "foot_clearance": constraints.foot_clearance(),
 }
-NOT_TRACKED = ("feet.contact", "feet.landing")  # numbers of the node
+SLOPE = models.terrain.incline(0.2, start=-math.inf, direction=0.5)
+NOT_TRACKED = ("feet.contact", "feet.landing", "feet.normal")  # numbers of the node
 
 
 def quantities(model: ocp.ModelBase) -> list[str]:
@@ -47,7 +50,7 @@ def push(s: ocp.NodeView) -> cs.SX:
 
 
 def needs_control(path: str) -> bool:
-    return path in ("feet.force", "joints.torque", "joints.acceleration")
+    return path in ("feet.force", "feet.contact_force", "joints.torque", "joints.acceleration")
 
 
 def everything(*given: ocp.ModelBase) -> ocp.Objective:
@@ -82,8 +85,8 @@ def hop(feet: tuple[str, ...]) -> ocp.Motion:
     )
 
 
-def whole_body(name: str, **options: str) -> ocp.Problem:
-    body = models.WholeBody(robot(name), **options)  # type: ignore[arg-type]  # an integrator
+def whole_body(name: str, **options: Any) -> ocp.Problem:
+    body = models.WholeBody(robot(name), **options)
     limits = {**SHIPPED, "joint_range": constraints.joint_range(body.robot.joint_names[0], limit=0.5)}
     return ocp.Problem(
         hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), ocp.Constraints(*limits.values()),
@@ -91,8 +94,8 @@ def whole_body(name: str, **options: str) -> ocp.Problem:
     )  # fmt: skip
 
 
-def rigid_body(name: str, **options: str) -> ocp.Problem:
-    body = models.SingleRigidBody(robot(name), **options)  # type: ignore[arg-type]  # an integrator
+def rigid_body(name: str, **options: Any) -> ocp.Problem:
+    body = models.SingleRigidBody(robot(name), **options)
     limits = ocp.Constraints(SHIPPED["friction_cone"], SHIPPED["base_height"])
     return ocp.Problem(
         hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), limits,
@@ -148,6 +151,8 @@ PROBLEMS = {
     },
     **{f"single rigid body of {name}": lambda name=name: rigid_body(name) for name in ROBOTS},
     "single rigid body, euler": lambda: rigid_body("mini_cheetah", integrator="euler"),
+    "whole body on a slope": lambda: whole_body("go2", terrain=SLOPE),
+    "single rigid body on a slope": lambda: rigid_body("go2", terrain=SLOPE),
     "whole body to rigid body": cascade,
     "ball with a reset": ball,
     "rotation, euler": lambda: tumbling("euler"),

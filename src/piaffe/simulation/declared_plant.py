@@ -44,7 +44,11 @@ def declared_robot(compiled: CompiledProblem) -> Robot:
 
 
 def declared_ground(compiled: CompiledProblem) -> terrain.Terrain:
-    """Return the level ground at the height that the problem gives its model at the start."""
+    """Return the ground of the problem's model; level ground has the height that the problem gives it at the start."""
+    model: Any = compiled.phases[0].mode.model
+    if not isinstance(model.terrain, terrain.Flat):
+        own: terrain.Terrain = model.terrain
+        return own
     return terrain.flat(float(_number(compiled, "terrain")[0]))
 
 

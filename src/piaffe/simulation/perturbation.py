@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ModelError, PiaffeError
 from piaffe.models import Mujoco, base, joints
+from piaffe.models.terrain import Flat
 
 Array = NDArray[np.float64]
 
@@ -21,7 +22,7 @@ class Perturbation:
     """Standard deviations of the first state of a simulation about the first state of the plan.
 
     The perturbation is in the tangent, x ⊕ δ: the rotation of the base is about its own axes. The base is then moved
-    vertically so that the lowest foot is as high as in the plan, because a foot cannot begin below the ground.
+    vertically so that the lowest foot is as high above the ground as in the plan, because a foot cannot begin below it.
 
     Args:
         joints: of every joint's angle [rad].
@@ -71,10 +72,13 @@ class Perturbation:
 
 
 def _lowest(model: Mujoco, x: Array) -> float:
-    """Return the height of the lowest foot [m]."""
+    """Return the height of the lowest foot, on a terrain above where it would stand [m]."""
     where = model.state.slices
     pose = (x[None, where[quantity]] for quantity in (base.position, base.orientation, joints.position))
-    return float(model.kinematics.world_feet(*pose)[..., 2].min())
+    feet = model.kinematics.world_feet(*pose)
+    if isinstance(model.terrain, Flat):
+        return float(feet[..., 2].min())
+    return float((feet - model.terrain.standing(feet[..., :2], model.robot.foot_radius))[..., 2].min())
 
 
 def check_deviations(given: Any, where: str, error: type[PiaffeError]) -> None:

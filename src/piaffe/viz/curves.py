@@ -86,7 +86,10 @@ def feet_of(solution: Solution) -> list[str]:
 
 
 def forces(solution: Solution) -> tuple[Array, Array]:
-    """Return stage times (n,) and recorded world forces of the feet (n, nf, 3) [N]; NaN where none are recorded."""
+    """Return stage times (n,) and recorded forces of the feet (n, nf, 3) [N]; NaN where none are recorded.
+
+    They are in axes of the ground where each foot stands, the normal last: on level ground those of the world.
+    """
     count = len(feet_of(solution))
     times, values = [], []
     for part in solution.trajectory.phases:
@@ -95,15 +98,21 @@ def forces(solution: Solution) -> tuple[Array, Array]:
         known = stored is not None and stored.shape[1] == 3 * count
         times.append(np.append(part.times[:-1], part.times[-1]))
         table = stored.reshape(n, count, 3) if stored is not None and known else np.full((n, count, 3), np.nan)
+        normals = next((v for q, v in part.outputs.items() if q.path == "feet.normal"), None)
+        if known and normals is not None:
+            table = measures.on_ground(table, normals.reshape(n, count, 3))
         values.append(np.concatenate([table, table[-1:]]))
     return np.concatenate(times), np.concatenate(values)
 
 
 def impulses(solution: Solution) -> tuple[Array, Array]:
-    """Return times of impacts (n,) and world impulses (n, nf, 3) [N s], NaN for feet that do not land; n may be 0."""
+    """Return times of impacts (n,) and impulses (n, nf, 3) [N s], NaN for feet that do not land; n may be 0.
+
+    They are in axes of the ground where each foot lands, the normal last.
+    """
     count = len(feet_of(solution))
     found = [impact for impact in measures.impacts(solution.trajectory) if len(impact.impulses) == count]
-    values = np.array([impact.impulses for impact in found]).reshape(-1, count, 3)
+    values = np.array([impact.on_ground for impact in found]).reshape(-1, count, 3)
     return np.array([impact.time for impact in found]), values
 
 

@@ -80,7 +80,7 @@ def add_legend(axes: Axes, columns: int) -> None:
 
 
 def normal_forces(axes: Axes, solution: Solution) -> None:
-    """Draw the vertical force on each foot."""
+    """Draw the force on each foot, along the normal of the ground."""
     over_time(axes, solution)
     times, force = forces(solution)
     for i, foot in enumerate(feet_of(solution)):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ModelError
-from piaffe.models import mujoco_spec, robot_from_recipe
+from piaffe.models import mujoco_spec, robot_from_recipe, terrain
 from piaffe.ocp import PhaseTrajectory, Trajectory
 from piaffe.simulation import interpolate, phase_index
 
@@ -64,11 +64,13 @@ class Playback:
                 "that models.load made; plot it instead"
             )
         self.robot: Robot = robot_from_recipe(recipes[0])
+        ground = [recipe["terrain"] for recipe in solution.models.values() if "terrain" in recipe]
+        self.terrain: terrain.Terrain = terrain.from_recipe(ground[0]) if ground else terrain.flat()
         self.feet = feet_of(solution)
 
     def scene(self) -> Any:
-        """Return a ``mujoco.MjSpec`` of the robot on the ground of its problem."""
-        return mujoco_spec(self.robot, contacts="none")
+        """Return a ``mujoco.MjSpec`` of the robot on the solution's ground, without contacts."""
+        return mujoco_spec(self.robot, contacts="none", terrain=self.terrain)
 
     @property
     def start(self) -> float:

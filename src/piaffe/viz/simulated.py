@@ -25,7 +25,9 @@ def simulate(
         ModelError: the solution does not begin with a whole-body model.
     """
     declared = friction(playback.solution) if mu is None else mu
-    plant = torque_plant(playback.robot, timestep=dt, friction=_FRICTION if declared is None else declared)
+    plant = torque_plant(
+        playback.robot, timestep=dt, friction=_FRICTION if declared is None else declared, ground=playback.terrain
+    )
     run = run_policy(Policy.of(playback.solution, plant.state.nx), plant)
     return run, tuple(_snapshot(playback, run, i) for i in range(len(run.times)))
 

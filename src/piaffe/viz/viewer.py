@@ -39,7 +39,7 @@ def show(path: Path, *, simulated: bool = False, speed: float = 1.0) -> None:
 
     from piaffe.models import mujoco_model
 
-    model = mujoco_model(playback.robot, contacts="none")
+    model = mujoco_model(playback.robot, contacts="none", terrain=playback.terrain)
     data = mujoco.MjData(model)
     with mujoco.viewer.launch_passive(model, data, show_left_ui=False) as window:
         began = time.perf_counter()
