@@ -27,7 +27,7 @@ Parts = dict[str, Callable[[], object]]
 
 def parts_of(solver: solvers.MSiLQR) -> Parts:
     """Return what one iteration consists of, at the initial guess, and the same evaluation node by node."""
-    run = Run(solver.functions, solver.options, solver.start(None), solver.flags(True), None)
+    run = Run(solver.functions, solver.scaled_options(), solver.start(None), solver.flags(True), None)
     models = run.linearise()
     regularization = 1e-6
     while (sweeps := backward(models, regularization)) is None:

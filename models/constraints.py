@@ -16,11 +16,13 @@ import numpy as np
 from piaffe.errors import ProblemError
 from piaffe.ocp import ResetRows, When, caller, inequality, match_labels
 
+from . import natural
+
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
 _NATURAL_SPEED = 0.1  # [m/s]; times the mass it is the scale of impulses
 
 
-def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
+def friction_cone(mu: float = 0.6, *, impulses: bool = True, scale: float | None = None) -> Any:
     """Keep the force of every foot on the ground, and the impulse of every foot that lands, in the friction pyramid.
 
     The pyramid circumscribes the cone; pass μ/√2 for the inscribed one. Per foot, in axes of the ground where it
@@ -35,6 +37,7 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
     Args:
         mu: friction coefficient μ.
         impulses: whether impulses are limited too.
+        scale: what a violation of a force is divided by [N]; None: 1, or that of a very small or large robot.
     """
     _require("friction_cone", "mu", mu, lambda value: value > 0, "a positive number")
     return inequality(
@@ -46,11 +49,17 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True) -> Any:
         positive=("mu",),
         labels=_faces,
         at_reset=_IMPULSES if impulses else None,
+        scale=natural.force if scale is None else scale,
     )
 
 
-def torque_limits(fraction: float = 1.0) -> Any:
-    """Keep joint torques within the robot's limits, or a fraction of them [Nm]; passive joints have no rows."""
+def torque_limits(fraction: float = 1.0, *, scale: float | None = None) -> Any:
+    """Keep joint torques within the robot's limits, or a fraction of them [Nm]; passive joints have no rows.
+
+    Args:
+        fraction: of the limits.
+        scale: what a violation is divided by [Nm]; None: 1, or that of a very small or large robot.
+    """
     _require("torque_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
     return inequality(
         _torque,
@@ -59,11 +68,17 @@ def torque_limits(fraction: float = 1.0) -> Any:
         lower=_Bound(_torques, factor=-fraction),
         upper=_Bound(_torques, factor=fraction),
         labels=_motors,
+        scale=natural.torque if scale is None else scale,
     )
 
 
-def joint_limits(margin: float = 0.0) -> Any:
-    """Keep joint angles within the robot's limits, reduced by a margin [rad]."""
+def joint_limits(margin: float = 0.0, *, scale: float = 1.0) -> Any:
+    """Keep joint angles within the robot's limits, reduced by a margin [rad].
+
+    Args:
+        margin: distance from the limits [rad].
+        scale: what a violation is divided by [rad].
+    """
     _require("joint_limits", "margin", margin, lambda value: value >= 0, "a number ≥ 0 [rad]")
     return inequality(
         _angle,
@@ -72,11 +87,17 @@ def joint_limits(margin: float = 0.0) -> Any:
         lower=_Bound(_lowest, added=margin),
         upper=_Bound(_highest, added=-margin),
         labels=_joints,
+        scale=scale,
     )
 
 
-def joint_speed_limits(fraction: float = 1.0) -> Any:
-    """Keep joint speeds within the robot's limits, or a fraction of them [rad/s]."""
+def joint_speed_limits(fraction: float = 1.0, *, scale: float | None = None) -> Any:
+    """Keep joint speeds within the robot's limits, or a fraction of them [rad/s].
+
+    Args:
+        fraction: of the limits.
+        scale: what a violation is divided by [rad/s]; None: 1, or that of a very small or large robot.
+    """
     _require("joint_speed_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
     return inequality(
         _speed,
@@ -85,6 +106,7 @@ def joint_speed_limits(fraction: float = 1.0) -> Any:
         lower=_Bound(_fastest, factor=-fraction),
         upper=_Bound(_fastest, factor=fraction),
         labels=_joints,
+        scale=natural.speed if scale is None else scale,
     )
 
 
@@ -115,19 +137,23 @@ def joint_range(
     )  # fmt: skip
 
 
-def base_height(minimum: float | None = None, *, maximum: float | None = None, scale: float = 1.0) -> Any:
+def base_height(minimum: float | None = None, *, maximum: float | None = None, scale: float | None = None) -> Any:
     """Keep ``base.height``, the height of the base's origin above the terrain below the feet, within bounds [m].
 
     Args:
         minimum: smallest height [m]; None for none.
         maximum: largest height [m]; None for none.
-        scale: what a violation is divided by in reports [m].
+        scale: what a violation is divided by in reports [m]; None: 1, or more or less for a very small or
+            large robot.
     """
     _require_bound("base_height", "minimum or maximum", minimum, maximum)
-    return inequality(_height, name="base height", unit="m", lower=minimum, upper=maximum, scale=scale, labels=_base)
+    return inequality(
+        _height, name="base height", unit="m", lower=minimum, upper=maximum,
+        scale=natural.length if scale is None else scale, labels=_base,
+    )  # fmt: skip
 
 
-def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
+def foot_clearance(minimum: float = 0.0, *, when: When = None, scale: float | None = None) -> Any:
     """Keep feet in the air at least ``minimum`` above the terrain [m], touchdown included.
 
     Feet on the ground are masked, because the contact holds them there. A foot is also masked at the first node after
@@ -138,6 +164,11 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
     On a terrain that is not level, a foot stays above a plane that goes from where it leaves the ground to where it
     reaches the ground. Two more rows per foot keep it ``over`` the surface below its reference, and ``beside`` the
     blocks that its reference has not yet reached, or has left.
+
+    Args:
+        minimum: smallest height above the terrain [m].
+        when: phases it applies to: a name, names, a predicate of the name, or None for all.
+        scale: what a violation is divided by [m]; None: 1, or that of a very small or large robot.
     """
     return inequality(
         _foot_height,
@@ -147,6 +178,7 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None) -> Any:
         when=when,
         mask=_swing,
         labels=_kept,
+        scale=natural.length if scale is None else scale,
     )
 
 

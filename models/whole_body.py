@@ -22,6 +22,7 @@ from piaffe.ocp import (
     SplitStep,
 )
 
+from . import natural
 from ._numeric import NumericWholeBody
 from .bindings import absent_quantities, bind_motion, foot_points, frame_points, in_contact_axes, stacked
 from .contact_system import contact_residual, impact_residual
@@ -203,7 +204,7 @@ class WholeBody(NumericWholeBody):
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
         """Return the heights of the feet, with the landing feet as mask."""
         height = quantities.bind(feet.height)
-        return Bound(height.quantity, height.value, height.labels, mask=p["landing"])
+        return Bound(height.quantity, height.value, height.labels, mask=p["landing"], scale=natural.length(self))
 
     def invariants(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Invariants:
         """Return that feet on the ground do not move, and that the centre of mass falls freely if none is there."""

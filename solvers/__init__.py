@@ -26,6 +26,7 @@ from .receding import RecedingHorizon as RecedingHorizon
 from .receding import Retiming as Retiming
 from .solution import PhaseSolution as PhaseSolution
 from .solution import Record as Record
+from .solution import Relaxation as Relaxation
 from .solution import Solution as Solution
 from .solution import Status as Status
 from .tracking import FeedforwardPD as FeedforwardPD

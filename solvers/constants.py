@@ -6,6 +6,15 @@ here changes both, and the compiled solver is built anew.
 
 from __future__ import annotations
 
+# ---- the scale of the cost
+
+SCALE_PENALTY = 10.0
+"""Penalty of equalities and violated inequalities in that model, relative to the cost of residuals that are all 1."""
+SCALE_RELAXATION = 0.01
+"""Relaxation of the barrier in that model, in units of a row's scale."""
+SCALE_RIDGE = 1e-9
+"""Regularisation of that model, relative to the cost of residuals that are all 1."""
+
 # ---- when a sub-problem is solved
 
 PATIENCE = 8
@@ -46,7 +55,7 @@ MERIT_ROUNDING = 1e-12
 GAP_DECREASE = 0.9
 """A trial step α is corrected if it leaves more than 1 − this · α of the defects."""
 SAME_MERIT = 1e-9
-"""Two merits are of the same iterate of the same problem if they differ by this at most, relative to 1 + |merit|."""
+"""Two merits are of the same iterate of the same problem if they differ by this at most, relative to the merit."""
 
 # ---- barrier
 
@@ -68,9 +77,16 @@ LEAST_SHRINK = 0.7
 SLOW_DECREASE = 0.25
 """Penalties grow if the equality violation is larger than this times that of the update before."""
 NO_PROGRESS = 0.98
-"""A solved sub-problem has not reduced the violation if more than this times the violation before remains."""
+"""A sub-problem has not reduced the violation if more than this times the violation before remains."""
 MAX_UNMOVED = 8
-"""Solved sub-problems in a row that have not reduced it; after more of them the problem counts as infeasible."""
+"""Sub-problems in a row that have not reduced it, each with larger penalties. After more of them, steps that hardly
+regard the cost are tried; if they do not reduce it either, the problem counts as infeasible."""
+SHARE_OF_COST = 1e-6
+"""Share of the cost in the model of these steps."""
+SHORTEST_ATTEMPT = 0.01
+"""None of them is shorter than this; they become shorter by ``step_shrink``."""
+IMPROVED = 0.95
+"""Such a step reduces the violation if less than this times the violation remains."""
 
 
 def table() -> dict[str, int | float]:

@@ -82,7 +82,8 @@ def test_metadata_names_licence_and_python(wheel: Path) -> None:
     metadata = Parser().parsestr(archive.read(path).decode())
     assert metadata["License-Expression"] == "BSD-3-Clause"
     assert metadata["Requires-Python"] == ">=3.11"
-    assert set(metadata.get_all("Provides-Extra", [])) == {"sampling", "compiler", "qp", "bench", "docs", "dev", "all"}
+    extras = {"sampling", "compiler", "log", "qp", "bench", "docs", "dev", "all"}
+    assert set(metadata.get_all("Provides-Extra", [])) == extras
 
 
 def test_every_module_imports_in_an_empty_environment(empty_environment: Path) -> None:

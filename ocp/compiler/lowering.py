@@ -75,8 +75,8 @@ def lower_mode(model: ModelBase, key: str, terms: Sequence[Cost | Constraint], e
     switching = model.switching(key, dynamics.quantities, symbols.of_model())
     if switching is not None:
         mask = cs.SX.ones(switching.size) if switching.mask is None else switching.mask
-        names = tuple(Row(-1, label, switching.quantity.unit) for label in switching.labels)
-        terminal["h"].append(Rows(switching.value, None, mask, names))
+        names = tuple(Row(-1, label, switching.quantity.unit, switching.scale) for label in switching.labels)
+        terminal["h"].append(Rows(switching.value / switching.scale, None, mask, names))
     return LoweredMode(
         model=model,
         key=key,

@@ -117,7 +117,7 @@ class TermBinder:
         value = self._evaluate(index, constraint.function)
         n = value.numel()
         labels, mask = self._labels(constraint.labels, n, where), self._active(index, constraint.mask, value, where)
-        unit, scale = constraint.unit, constraint.scale
+        unit, scale = constraint.unit, constraint.scale_of(self._model)
         if constraint.kind == "equality":
             return Rows(value / scale, None, mask, tuple(Row(index, x, unit, scale) for x in labels))
         rows, masks, names = [], [], []

@@ -78,12 +78,14 @@ class Bound:
         labels: one name per component of a *difference* of two values: ``("x", "y", "z")``, joint names, or
             ``("FL x", "FL y", ...)`` for stacked feet.
         mask: optional expression of parameters, (len(labels), 1), 0 where a component is absent (a foot in the air).
+        scale: divisor of rows that a model derives from the quantity, in its unit.
     """
 
     quantity: Quantity
     value: cs.SX
     labels: tuple[str, ...]
     mask: cs.SX | None = None
+    scale: float = 1.0
 
     @property
     def size(self) -> int:

@@ -203,7 +203,8 @@ class Constraint(Term):
         function: rows of a node's quantities.
         lower: lower bounds, numbers or a function of the model; None if there are none.
         upper: the same for upper bounds.
-        scale: divisor of the rows and of their violations in reports, in the rows' unit.
+        scale: divisor of the rows and of their violations in reports, in the rows' unit, or a function of the model
+            that returns it.
         labels: names of the rows, or a function of the model that returns them.
         at_reset: further rows at the resets after phases; None for none.
     """
@@ -212,7 +213,7 @@ class Constraint(Term):
     function: Function
     lower: Any = None
     upper: Any = None
-    scale: float = 1.0
+    scale: float | Callable[[Any], float] = 1.0
     labels: Any = None
     at_reset: ResetRows | None = None
 
@@ -220,11 +221,8 @@ class Constraint(Term):
         super().__post_init__()
         for name in ("lower", "upper", "labels"):
             object.__setattr__(self, name, copied(getattr(self, name)))
-        if not (isinstance(self.scale, int | float) and 0 < self.scale < float("inf")):
-            raise ProblemError(
-                f"{self.where}: scale is out of range - got {self.scale!r}, expected a positive number "
-                f"[{self.unit or '-'}]; give one"
-            )
+        if not callable(self.scale):
+            self._check_scale(self.scale)
 
     @property
     def where(self) -> str:
@@ -238,6 +236,23 @@ class Constraint(Term):
         labels = self.labels if callable(self.labels) or self.labels is None else tuple(self.labels)
         return ("constraint", self.kind, self.function, self.at, self.mask, sides, self.scale, self.unit, labels, sizes,
                 self.at_reset)  # fmt: skip
+
+    def scale_of(self, model: Any) -> float:
+        """Return the divisor of the rows for a model.
+
+        Raises:
+            ProblemError: it is not a positive number.
+        """
+        scale = self.scale(model) if callable(self.scale) else self.scale
+        self._check_scale(scale)
+        return scale
+
+    def _check_scale(self, scale: Any) -> None:
+        if not (isinstance(scale, int | float) and 0 < scale < float("inf")):
+            raise ProblemError(
+                f"{self.where}: scale is out of range - got {scale!r}, expected a positive number "
+                f"[{self.unit or '-'}]; give one"
+            )
 
     def bound(self, side: Literal["lower", "upper"], model: Any, size: int) -> Array:
         """Return the bounds of one side for a model, (size,)."""
@@ -413,7 +428,7 @@ def inequality(
     lower: Any = None,
     upper: Any = None,
     unit: str = "",
-    scale: float = 1.0,
+    scale: float | Callable[[Any], float] = 1.0,
     name: str | None = None,
     at: At = "running",
     when: When = None,
@@ -442,7 +457,7 @@ def equality(
     *,
     at: At = "running",
     unit: str = "",
-    scale: float = 1.0,
+    scale: float | Callable[[Any], float] = 1.0,
     name: str | None = None,
     when: When = None,
     mask: Function | None = None,

@@ -30,6 +30,12 @@ class Violation:
         kind: kind of the row.
         source: where the term was declared.
         multiplier: the constraint's multiplier there; None if it does not come from a solve.
+        term: name of the constraint.
+        scale: scale of the row, in its unit.
+        push: sum of the constraint's multipliers over its rows and nodes (times the time step where they are per time):
+            by how much the cost falls if its bounds move by one scale.
+        conflict: the same sum of multipliers times violations.
+        size: largest absolute value of its rows, divided by the scale.
     """
 
     name: str
@@ -40,6 +46,11 @@ class Violation:
     kind: Kind
     source: str = ""
     multiplier: float | None = None
+    term: str = ""
+    scale: float = 1.0
+    push: float = 0.0
+    conflict: float = 0.0
+    size: float = 0.0
 
     @property
     def ratio(self) -> float:

@@ -232,7 +232,7 @@ def _term(probes: _Probes, k: int, term: Cost | Constraint) -> Entries:
         key = ParameterKey(side, term=k)
         declared = None if getattr(term, side) is None else term.bound(side, nodes.model, len(labels))
         entry[side] = plain(replaced.get(key, declared))
-    return {"kind": term.kind, **entry, "scale": plain(term.scale), "phases": names}
+    return {"kind": term.kind, **entry, "scale": plain(term.scale_of(nodes.model)), "phases": names}
 
 
 def _scope(nodes: Nodes, term: Cost | Constraint) -> list[str]:

@@ -38,13 +38,16 @@ from ..ilqr import (
     SolverMemory,
     WarmStart,
     assemble,
+    cost_scale,
     first_iterate,
     issue,
     iterate_from,
     native_memory,
+    native_scale,
     read_iterate,
     read_outer,
     read_search,
+    scaled,
     with_cause,
     write,
 )
@@ -203,7 +206,7 @@ class _Batch:
         start = iterate_from(functions.problem, warm)
         flags = [np.full(phase.num_stages + 1, True) for phase in self.compiled.phases]
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            run = Run(functions, self.options, start, flags, None)
+            run = Run(functions, scaled(self.options, partial(cost_scale, functions)), start, flags, None)
             if warm is not None:
                 run.resume(warm)
             try:
@@ -282,7 +285,9 @@ class _Batch:
         began, warm = time.perf_counter(), self.warm[i]
         problem = self.instance(i)
         memory.set_numbers(problem)
-        outer = Outer(problem, self.options)
+        options = scaled(self.options, partial(native_scale, memory))
+        memory.set_options(options)
+        outer = Outer(problem, options)
         if warm is not None:
             outer.resume(warm)
         resumed = write(memory, iterate_from(problem, warm), outer, warm)

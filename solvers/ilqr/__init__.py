@@ -16,6 +16,7 @@ from .native import SolverMemory as SolverMemory
 from .native import constants_header as constants_header
 from .native import library_of as library_of
 from .native import native_memory as native_memory
+from .native import native_scale as native_scale
 from .native import read_iterate as read_iterate
 from .native import read_outer as read_outer
 from .native import read_search as read_search
@@ -31,6 +32,8 @@ from .riccati import LqPhase as LqPhase
 from .riccati import Sweep as Sweep
 from .rollout import move as move
 from .run import Run as Run
+from .scale import cost_scale as cost_scale
+from .scale import scaled as scaled
 from .warm_start import WarmStart as WarmStart
 from .warm_start import first_iterate as first_iterate
 from .warm_start import iterate_from as iterate_from

@@ -67,3 +67,20 @@ def recentre(shift: Array, g: Array, mask: Array, slack: float) -> Array:
     """
     shifted = ((g < -slack) | (shift > 0)) & (mask > 0)
     return np.where(shifted, np.maximum(shift - g, 0.0), shift)
+
+
+def stiffen(relaxation: Array, shift: Array, used: NDArray[np.bool_], floor: float) -> tuple[Array, Array]:
+    """Return relaxations δ' and shifts s' of stiffer rows that have the same multiplier at g = 0.
+
+    At g = 0 it is ε (2δ + s)/δ². Without a shift, δ' = 2δ²/(2δ + s); δ' is not below ``floor``, and s' is the rest.
+
+    Args:
+        relaxation: δ.
+        shift: s.
+        used: which rows become stiffer.
+        floor: smallest relaxation.
+    """
+    needed = 2 * relaxation + shift
+    stiffer = np.minimum(np.maximum(floor, 2 * relaxation**2 / needed), relaxation)
+    rest = np.maximum(needed * (stiffer / relaxation) ** 2 - 2 * stiffer, 0.0)
+    return np.where(used, stiffer, relaxation), np.where(used, rest, shift)

@@ -93,14 +93,35 @@ def _first(functions: ProblemFunctions, i: int, tables: Iterator[_Table], of: st
     phase, earliest, found = functions.problem.phases[i], np.inf, ""
     for group, name, first, table in tables:
         flat = table.reshape(len(table), -1)
-        bad = np.argwhere(~np.isfinite(flat))
-        if len(bad) == 0 or first + bad[0, 0] >= earliest:
+        bad = [at for at in np.argwhere(~np.isfinite(flat)) if _counts(phase, group, name, first, at, table.shape[2:])]
+        if len(bad) == 0 or first + bad[0][0] >= earliest:
             continue
         node, entry = (int(k) for k in bad[0])
         earliest = first + node
         row = entry // max(int(np.prod(table.shape[2:])), 1)
         found = _sentence(phase, _owner(functions, phase, group, name, row), of, first + node, flat[node, entry])
     return found
+
+
+def _counts(
+    phase: CompiledPhase, group: str, name: str, first: int, at: NDArray[np.intp], columns: tuple[int, ...]
+) -> bool:
+    """Return whether an entry of a table has an effect: rows of terms have none at nodes where the term does not apply.
+
+    Args:
+        phase: the phase.
+        group: group of functions.
+        name: name of the output.
+        first: first node of the table.
+        at: node in the table and entry.
+        columns: shape of a row.
+    """
+    kind = name.split("_")[0]
+    if kind not in ("residual", "g", "h"):
+        return True
+    rows = phase.end_rows(kind) if group == "terminal" else phase.mode.rows[f"{group}_{kind}"]
+    term = rows[int(at[1]) // max(int(np.prod(columns)), 1)].term
+    return term < 0 or bool(phase.applies[first + int(at[0]), term])
 
 
 def _owner(functions: ProblemFunctions, phase: CompiledPhase, group: str, name: str, row: int) -> str:

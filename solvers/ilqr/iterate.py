@@ -151,9 +151,16 @@ class ProblemFunctions:
     # ---- the linear-quadratic model
 
     def lq(
-        self, i: int, iterate: Iterate, value: PhaseValues, defect: Array, dual: PhaseDual, weight: float
+        self,
+        i: int,
+        iterate: Iterate,
+        value: PhaseValues,
+        defect: Array,
+        dual: PhaseDual,
+        weight: float,
+        share: float = 1.0,
     ) -> LqPhase:
-        """Return the Gauss-Newton model of phase i: cost, barrier ε = ``weight`` and augmented Lagrangian included."""
+        """Return the Gauss-Newton model of phase i: a share of the cost, barrier ε = ``weight``, penalties."""
         phase = self.problem.phases[i]
         x, u, f, dt = iterate.states[i], iterate.controls[i], phase.mode.functions, phase.dt
         ndx = phase.mode.state.ndx
@@ -164,12 +171,12 @@ class ProblemFunctions:
         stage_h = phase.h_mask * dt
         rows = np.concatenate([res_w, g_w, h_w], axis=1)
         slopes = np.concatenate([
-            dt * phase.weight * value.residual,
+            dt * share * phase.weight * value.residual,
             dt * weight * masked(phase.g_mask, barrier.slope(value.g - dual.shift, dual.relaxation)),
             masked(stage_h, dual.penalty * value.h + dual.multiplier),
         ], axis=1)  # fmt: skip
         curvatures = np.concatenate([
-            dt * phase.weight,
+            dt * share * phase.weight,
             dt * weight * masked(phase.g_mask, barrier.curvature(value.g - dual.shift, dual.relaxation)),
             stage_h * dual.penalty,
         ], axis=1)  # fmt: skip
@@ -177,12 +184,12 @@ class ProblemFunctions:
         hessian = rows.swapaxes(1, 2) @ (curvatures[:, :, None] * rows)
         end_rows = self.end_jacobians(i, iterate, value)
         end_slopes = [
-            phase.end_weight * value.end_residual,
+            share * phase.end_weight * value.end_residual,
             dt * weight * masked(phase.end_g_mask, barrier.slope(value.end_g - dual.end_shift, dual.end_relaxation)),
             masked(phase.end_h_mask, dual.end_penalty * value.end_h + dual.end_multiplier),
         ]
         end_curvatures = [
-            phase.end_weight,
+            share * phase.end_weight,
             dt
             * weight
             * masked(phase.end_g_mask, barrier.curvature(value.end_g - dual.end_shift, dual.end_relaxation)),

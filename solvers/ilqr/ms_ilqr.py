@@ -25,12 +25,13 @@ from piaffe.ocp import (
 from ..solution import Record, Solution, Status
 from .cause import with_cause
 from .iterate import Iterate, ProblemFunctions
-from .native import Backend, native_memory, run_native
+from .native import Backend, native_memory, native_scale, run_native
 from .options import Options
 from .other_grid import fits, interpolated
 from .result import assemble
 from .rollout import move
 from .run import Run
+from .scale import cost_scale, scaled
 from .warm_start import WarmStart, first_iterate
 from .warned import issue
 
@@ -82,6 +83,7 @@ class MSiLQR:
         self.functions = ProblemFunctions(self.problem)
         self.memory = native_memory(self.problem, self.options, building) if backend == "native" else None
         self._idle = Lock()
+        self._absolute: Options | None = None
 
     def __reduce__(self) -> tuple[object, ...]:  # another process makes its own memory
         return _made, (type(self), self.problem, self.options, self.backend)
@@ -141,7 +143,7 @@ class MSiLQR:
         if not all(f.all() for f in flags):
             zero = [np.zeros((p.num_stages + 1, p.mode.state.ndx)) for p in self.problem.phases]
             start = move(self.functions, start, zero, [np.zeros_like(u) for u in start.controls], 0.0, flags)
-        run = Run(self.functions, self.options, start, flags, progress)
+        run = Run(self.functions, self.scaled_options(), start, flags, progress)
         if from_earlier is not None:
             run.resume(from_earlier)
         try:
@@ -152,6 +154,17 @@ class MSiLQR:
         if status is Status.NOT_FINITE and not found and self.memory is not None:
             found = self.memory.fault()
         return replace(assemble(run, status, time.perf_counter() - began), fault=found)
+
+    def scaled_options(self) -> Options:
+        """Return the options in the unit of the problem's cost, see :class:`Options`; computed once."""
+        if self._absolute is None:
+            memory = self.memory
+            self._absolute = scaled(
+                self.options, lambda: cost_scale(self.functions) if memory is None else native_scale(memory)
+            )
+            if memory is not None:
+                memory.set_options(self._absolute)
+        return self._absolute
 
     def start(self, warm_start: Solution | None) -> Iterate:
         """Return the states and controls of the first iterate."""

@@ -17,16 +17,18 @@ class Options:
         max_defect: largest defect accepted, ∞-norm in the tangent.
         max_equality: largest equality violation accepted (SI units divided by the row's scale).
         max_inequality: largest inequality violation accepted (SI units divided by the row's scale).
-        cost_tolerance: expected decrease, relative to 1 + |cost|, below which an iterate is stationary.
+        cost_tolerance: expected decrease, relative to the cost (see ``cost_floor``), below which an iterate is
+            stationary.
         barrier_weight: first weight ε of the relaxed barrier.
         barrier_factor: factor of ε after a sub-problem that is solved or has had ``max_inner`` iterations.
-        barrier_gap: accepted suboptimality of the barrier, relative to 1 + |cost|: ε stays constant once its last
-            decrease has changed the cost by less than this.
+        barrier_gap: accepted suboptimality of the barrier, relative to the cost (see ``cost_floor``): ε stays constant
+            once its last decrease has changed the cost by less than this. Violations may change the cost by as much.
         min_barrier_weight: smallest ε.
         relaxation: first relaxation δ of the barrier, in units of the row's scale.
-        max_stiffness: largest curvature ε/δ² of a violated row; rows with larger multipliers use shifts.
+        stiffness: first limit of the curvature ε/δ² of a violated row; rows with larger multipliers use shifts.
+        max_stiffness: largest such limit: it grows by ``penalty_factor`` if violations decrease too slowly.
         penalty: first penalty σ of the augmented Lagrangian.
-        penalty_factor: factor of σ when a violation decreases too slowly.
+        penalty_factor: factor of σ, and of the stiffness, when a violation decreases too slowly.
         max_penalty: largest σ.
         max_inner: iterations after which the solver may leave a sub-problem unsolved, if its defects are small.
         armijo: fraction γ of the expected decrease that a step must achieve.
@@ -37,6 +39,11 @@ class Options:
         min_step: smallest trial step.
         regularization: first Levenberg regularisation added to Q_xx and Q_uu.
         max_regularization: largest regularisation; the solve stops beyond it.
+        cost_scale: natural size of the cost; barrier weights, stiffness, penalties, ``merit_offset`` and regularisation
+            are multiplied by it. None: the solver computes it from the problem, so that nothing depends on the unit of
+            the cost; without ``adapt``, 1.
+        cost_floor: changes of the cost are relative to |cost| plus |cost| limited to the interval from this to
+            ``cost_scale``. None: a hundredth of ``cost_scale``; without ``adapt``, 1.
         time_limit_s: time after which the solve stops with its last accepted iterate [s]; it is asked before every
             trial step. None for no limit.
         adapt: whether the solve changes barrier, multipliers and penalties. Without, they stay as they are at its
@@ -54,10 +61,11 @@ class Options:
     barrier_gap: float = 3e-5
     min_barrier_weight: float = 1e-8
     relaxation: float = 0.1
-    max_stiffness: float = 1e5
+    stiffness: float = 1e5
+    max_stiffness: float = 1e10
     penalty: float = 200.0
     penalty_factor: float = 5.0
-    max_penalty: float = 1e6
+    max_penalty: float = 1e8
     max_inner: int = 5
     armijo: float = 0.1
     merit_margin: float = 0.1
@@ -67,6 +75,8 @@ class Options:
     min_step: float = 1e-3
     regularization: float = 1e-6
     max_regularization: float = 1e6
+    cost_scale: float | None = None
+    cost_floor: float | None = None
     time_limit_s: float | None = None
     adapt: bool = True
 
@@ -84,6 +94,34 @@ class Options:
                     f"options ({caller()}): {name} is out of range - got {getattr(self, name)}, expected below 1; "
                     "lower it"
                 )
+
+    def number(self, name: str) -> float | int:
+        """Return an option as a number: 0 for no limit of time; without scale and floor of the cost, 1."""
+        value = getattr(self, name)
+        if value is None and name == "cost_floor":
+            value = self.cost_scale
+        if value is None:
+            return 0.0 if name == "time_limit_s" else 1.0
+        return value  # type: ignore[no-any-return]  # a number in every field but the one of time
+
+    def absolute(self, scale: float) -> Options:
+        """Return these options for costs in the problem's unit.
+
+        Args:
+            scale: natural size of the cost.
+        """
+        scaled = {name: getattr(self, name) * scale for name in _RELATIVE}
+        floor = _FLOOR * scale if self.cost_floor is None else self.cost_floor
+        return replace(self, **scaled, cost_scale=scale, cost_floor=floor)
+
+
+_FLOOR = 0.01
+"""Changes of a cost below this share of the scale are relative to this share, not to the cost."""
+_RELATIVE = (
+    "barrier_weight", "min_barrier_weight", "stiffness", "max_stiffness", "penalty", "max_penalty", "merit_offset",
+    "regularization", "max_regularization",
+)  # fmt: skip
+"""The options that are multiplied by the scale of the cost."""
 
 
 @dataclass(frozen=True)

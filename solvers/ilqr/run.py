@@ -82,7 +82,9 @@ class Run:
         """Copy barrier and multipliers from an earlier solve; for the same problem also the state of the search."""
         self.outer.resume(start)
         state = start.search
-        if state is not None and is_same(self.augmented(self.current) + state.rho * self.current.gap, state.merit):
+        if state is not None and is_same(
+            self.augmented(self.current) + state.rho * self.current.gap, state.merit, self.outer.size(state.merit)
+        ):
             self.restore(state)
 
     def restore(self, state: SearchState) -> None:
@@ -91,6 +93,8 @@ class Run:
         self.step_size, self.gains, self.inner = state.step_size, list(state.gains), state.inner
         self.outer.unmoved, self.outer.last_cost = state.unmoved, state.last_cost
         self.outer.last_equality, self.outer.last_violation = state.last_equality, state.last_violation
+        self.outer.last_inequality = state.last_inequality
+        self.outer.stiffness = state.stiffness or self.o.stiffness
 
     def search_state(self) -> SearchState:
         """Return the state of the search, from which a later solve can continue."""
@@ -99,7 +103,8 @@ class Run:
             regularization=self.regularization, step_size=self.step_size,
             gains=tuple(self.gains[-constants.PATIENCE :]), inner=self.inner, unmoved=self.outer.unmoved,
             last_equality=float(self.outer.last_equality), last_violation=float(self.outer.last_violation),
-            last_cost=self.outer.last_cost,
+            last_cost=self.outer.last_cost, last_inequality=float(self.outer.last_inequality),
+            stiffness=self.outer.stiffness,
         )  # fmt: skip
 
     # ---- evaluation
@@ -125,11 +130,11 @@ class Run:
                 g.append(np.max(-masked(mask, values), initial=0.0))
         return float(max(h)), float(max(g))
 
-    def linearise(self) -> list[LqPhase]:
-        """Return the linear-quadratic model at the current iterate."""
+    def linearise(self, share: float = 1.0) -> list[LqPhase]:
+        """Return the linear-quadratic model at the current iterate, with a share of the cost."""
         at, outer = self.current, self.outer
         return [
-            self.functions.lq(i, at.iterate, at.values[i], at.defects[i], outer.duals[i], outer.weight)
+            self.functions.lq(i, at.iterate, at.values[i], at.defects[i], outer.duals[i], outer.weight, share)
             for i in range(len(self.problem.phases))
         ]
 
@@ -155,7 +160,7 @@ class Run:
                 return Status.ITERATION_LIMIT
             if stationary or self.is_due():
                 direction = self.advance(stationary=stationary)
-                if self.outer.is_stuck:
+                if self.outer.is_stuck and not self.can_improve():
                     return Status.INFEASIBLE
                 if direction is None:
                     return self.failed()
@@ -170,13 +175,21 @@ class Run:
                 self.models = self.linearise()
 
     def failed(self) -> Status:
-        """Return the status of a solve without a further step: a number is not finite, or the line search failed."""
-        finite = self.outside is None and all(model.is_finite for model in self.models)
-        return Status.LINE_SEARCH_FAILED if finite else Status.NOT_FINITE
+        """Return the status of a solve without a further step.
+
+        A number is not finite, violations remain that no step reduces, or the line search failed.
+        """
+        if self.outside is not None or not all(model.is_finite for model in self.models):
+            return Status.NOT_FINITE
+        violation = self.outer.measure(self.violations(self.current))
+        if not self.o.adapt or not violation > 1 or self.current.max_defect >= constants.NEARLY_CLOSED:
+            return Status.LINE_SEARCH_FAILED
+        self.outer.last_violation, self.regularization = violation, 0.0
+        return Status.LINE_SEARCH_FAILED if self.can_improve() else Status.INFEASIBLE
 
     def is_stationary(self, direction: Direction) -> bool:
         """Return whether the sub-problem is solved: the expected decrease, or the last decreases, are negligible."""
-        tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
+        tolerance = self.o.cost_tolerance * self.outer.size(self.current.cost)
         nothing_expected = abs(direction.dV1 + 0.5 * direction.dV2) < tolerance
         last = self.gains[-constants.PATIENCE :]
         nothing_gained = len(last) == constants.PATIENCE and max(last) < tolerance
@@ -190,7 +203,7 @@ class Run:
         if sweeps is None:
             return False
         direction = roll_out(self.models, sweeps)
-        return not abs(direction.dV1 + 0.5 * direction.dV2) < self.o.cost_tolerance * (1 + abs(self.current.cost))
+        return not abs(direction.dV1 + 0.5 * direction.dV2) < self.o.cost_tolerance * self.outer.size(self.current.cost)
 
     def is_due(self) -> bool:
         """Return whether to leave the sub-problem unsolved: it has had its iterations, and tolerances are not met."""
@@ -202,8 +215,11 @@ class Run:
         )
 
     def meets_everything(self) -> bool:
-        """Return whether every tolerance is met and the barrier hardly changes the solution."""
-        return self.keeps_tolerances() and self.outer.gap_is_closed(self.current.cost)
+        """Return whether every tolerance is met and neither barrier nor violations change the solution much."""
+        at, outer = self.current, self.outer
+        return (
+            self.keeps_tolerances() and outer.gap_is_closed(at.values, at.cost) and outer.is_exact(at.values, at.cost)
+        )
 
     def keeps_tolerances(self) -> bool:
         """Return whether every constraint is met within its tolerance."""
@@ -218,6 +234,20 @@ class Run:
         self.gains = []
         self.models = self.linearise()
         return self.direction()
+
+    def can_improve(self) -> bool:
+        """Return whether a step that hardly regards the cost reduces the violation; if so, the search goes on."""
+        kept = self.models, self.sweeps, self.regularization
+        self.models = self.linearise(constants.SHARE_OF_COST)
+        direction, improved, size = self.direction(), False, 1.0
+        while direction is not None and not improved and size >= constants.SHORTEST_ATTEMPT:
+            at = self.trial(self.current.iterate, direction.dx, direction.du, size)
+            improved = self.outer.measure(self.violations(at)) < constants.IMPROVED * self.outer.last_violation
+            size *= self.o.step_shrink
+        self.models, self.sweeps, self.regularization = kept
+        if improved:
+            self.outer.unmoved = 0
+        return improved
 
     def record(self, direction: Direction, size: float) -> None:
         """Append the record of an iteration to the history and report it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from piaffe.ocp import (
 )
 
 from . import barrier
-from .iterate import Iterate, PhaseDual, PhaseValues, ProblemFunctions
+from .iterate import Iterate, PhaseDual, PhaseValues, ProblemFunctions, masked
 
 Array = NDArray[np.float64]
 
@@ -52,38 +53,106 @@ def violations(
     problem: CompiledProblem, values: list[PhaseValues], duals: list[PhaseDual], weight: float
 ) -> tuple[Violation, ...]:
     """Return the worst violation of each named constraint, worst first."""
-    worst: dict[tuple[str, str], Violation] = {}
+    found: dict[tuple[str, Kind], _Constraint] = {}
     for phase, value, dual in zip(problem.phases, values, duals, strict=True):
-        stage_lambda, end_lambda = inequality_multipliers(value, dual, weight)
-        n = phase.num_stages
-        own, end_g, end_h = phase.mode.rows, phase.end_rows("g"), phase.end_rows("h")
-        tables: tuple[tuple[tuple[Row, ...], Kind, Array, Array, int], ...] = (
-            (own["stage_g"], "inequality", np.maximum(-value.g, 0) * phase.g_mask, stage_lambda, 0),
-            (own["stage_h"], "equality", np.abs(value.h) * phase.h_mask, dual.multiplier, 0),
-            (end_g, "inequality", (np.maximum(-value.end_g, 0) * phase.end_g_mask)[None], end_lambda[None], n),
-            (end_h, "equality", (np.abs(value.end_h) * phase.end_h_mask)[None], dual.end_multiplier[None], n),
-        )
-        for rows, kind, amounts, multipliers, first in tables:
-            for j, row in enumerate(rows):
-                node = int(np.argmax(amounts[:, j]))
-                amount = float(amounts[node, j])
-                name = problem.term_name(row)
-                known = worst.get((name, kind))
-                if known is None or amount > known.amount:
-                    source = (
-                        str(problem.terms[row.term].source) if row.term >= 0 else "derived from the contact sequence"
-                    )
-                    worst[name, kind] = Violation(
-                        problem.row_name(row),
-                        phase.name,
-                        first + node,
-                        amount,
-                        row.unit,
-                        kind,
-                        source,
-                        float(multipliers[node, j]),
-                    )
-    return tuple(sorted(worst.values(), key=lambda v: -v.amount))
+        for group in _groups(phase, value, dual, weight):
+            columns: dict[str, list[int]] = {}
+            for j, row in enumerate(group.rows):
+                columns.setdefault(problem.term_name(row), []).append(j)
+            for name, own in columns.items():
+                key = name, group.kind
+                found.setdefault(key, _Constraint(*key)).add(problem, phase, group, own)
+    each = [constraint.violation() for constraint in found.values()]
+    return tuple(sorted(each, key=lambda v: -v.amount))
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Rows of one kind at the stages or at the last node of a phase; tables are (nodes, rows), sums are (rows,).
+
+    Args:
+        rows: what they are.
+        kind: their kind.
+        first: the first node.
+        amounts: violations. multipliers: as they are. pushes: after the next update, times the time step.
+        sizes: largest absolute values.
+    """
+
+    rows: tuple[Row, ...]
+    kind: Kind
+    first: int
+    amounts: Array
+    multipliers: Array
+    pushes: Array
+    sizes: Array
+
+    @staticmethod
+    def of(
+        rows: tuple[Row, ...],
+        kind: Kind,
+        values: Array,
+        used: Array,
+        multipliers: tuple[Array, Array],
+        time: float,
+        first: int,
+    ) -> _Group:
+        """Return a group from its values, masks, and multipliers now and after the next update."""
+        missed = np.maximum(-values, 0.0) if kind == "inequality" else np.abs(values)
+        return _Group(
+            rows, kind, first, masked(used, missed), multipliers[0], masked(used, np.abs(multipliers[1])) * time,
+            np.max(masked(used, np.abs(values)), axis=0, initial=0.0),
+        )  # fmt: skip
+
+
+def _groups(phase: CompiledPhase, value: PhaseValues, dual: PhaseDual, weight: float) -> tuple[_Group, ...]:
+    now, end_now = inequality_multipliers(value, dual, weight)
+    met = replace(value, g=np.maximum(value.g, 0.0), end_g=np.maximum(value.end_g, 0.0))
+    later, end_later = inequality_multipliers(met, dual, weight)  # an update keeps the multiplier at g = 0
+    own, n, dt = phase.mode.rows, phase.num_stages, phase.dt
+    h, end_h = dual.multiplier, dual.end_multiplier[None]
+    return (
+        _Group.of(own["stage_g"], "inequality", value.g, phase.g_mask, (now, later), dt, 0),
+        _Group.of(own["stage_h"], "equality", value.h, phase.h_mask, (h, h), dt, 0),
+        _Group.of(phase.end_rows("g"), "inequality", value.end_g[None], phase.end_g_mask[None],
+                  (end_now[None], end_later[None]), dt, n),
+        _Group.of(phase.end_rows("h"), "equality", value.end_h[None], phase.end_h_mask[None], (end_h, end_h), 1.0, n),
+    )  # fmt: skip
+
+
+@dataclass(eq=False)
+class _Constraint:
+    """What is known of one named constraint: its worst violation, and sums over its rows and nodes."""
+
+    term: str
+    kind: Kind
+    worst: Violation | None = None
+    push: float = 0.0
+    conflict: float = 0.0
+    size: float = 0.0
+    rank: tuple[float, float] = (0.0, 0.0)
+
+    def add(self, problem: CompiledProblem, phase: CompiledPhase, group: _Group, columns: list[int]) -> None:
+        """Take up rows of a group."""
+        amounts, pushes = group.amounts[:, columns], group.pushes[:, columns]
+        self.push += float(np.sum(pushes))
+        self.conflict += float(np.sum(pushes * amounts))
+        self.size = max(self.size, float(np.max(group.sizes[columns])))
+        by = amounts if np.any(amounts > 0) else pushes
+        node, column = (int(k) for k in np.unravel_index(int(np.argmax(by)), by.shape))
+        rank = float(amounts[node, column]), float(pushes[node, column])
+        if self.worst is None or rank > self.rank:
+            row = group.rows[columns[column]]
+            source = str(problem.terms[row.term].source) if row.term >= 0 else "derived from the contact sequence"
+            self.rank = rank
+            self.worst = Violation(
+                problem.row_name(row), phase.name, group.first + node, rank[0], row.unit, self.kind, source,
+                float(group.multipliers[node, columns[column]]), term=self.term, scale=row.scale,
+            )  # fmt: skip
+
+    def violation(self) -> Violation:
+        """Return the worst violation with the sums."""
+        assert self.worst is not None  # a row has been added
+        return replace(self.worst, push=self.push, conflict=self.conflict, size=self.size)
 
 
 def trajectory(functions: ProblemFunctions, iterate: Iterate, values: list[PhaseValues]) -> Trajectory:

@@ -70,6 +70,7 @@ class Adapting:
             )
         return replace(
             given, barrier_weight=self.weight, relaxation=self.relaxation, adapt=False,
-            min_barrier_weight=self.min_weight or self.weight, max_stiffness=self.max_stiffness,
+            min_barrier_weight=self.min_weight or self.weight, stiffness=self.max_stiffness,
+            max_stiffness=self.max_stiffness,
             max_penalty=self.max_penalty,
         )  # fmt: skip

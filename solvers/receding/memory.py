@@ -98,8 +98,7 @@ class RecedingMemory(Keeper):
     def _solver_memory(self, options: Options) -> None:
         c, kinds = self.c, structs_of(self.width)
         for name in OPTIONS:
-            value = getattr(options, name)
-            setattr(c.options, name, 0.0 if value is None else value)
+            setattr(c.options, name, options.number(name))
         problem = self.keep(kinds.Problem())
         self._initial = aligned_zeros(self.horizon.models[0].state.nx)
         problem.initial = self._initial.ctypes.data

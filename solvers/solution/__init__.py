@@ -1,5 +1,6 @@
 """The result of a solve: solution, status, records of iterations, and its file."""
 
+from .explanation import Relaxation as Relaxation
 from .parts import PhaseSolution as PhaseSolution
 from .record import Record as Record
 from .search_state import SearchState as SearchState

@@ -25,6 +25,8 @@ class SearchState:
         unmoved: number of solved sub-problems since the last one that reduced the violation.
         last_equality, last_violation: violations at the last update of the multipliers; infinite before the first.
         last_cost: cost of the last solved sub-problem before ε shrank; None before the first.
+        last_inequality: violation of inequalities after the last solved sub-problem; infinite before the first.
+        stiffness: limit of the curvature of violated rows; 0 for the first one.
     """
 
     merit: float
@@ -38,6 +40,8 @@ class SearchState:
     last_equality: float
     last_violation: float
     last_cost: float | None
+    last_inequality: float = float("inf")
+    stiffness: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Return the state as values for JSON."""
@@ -49,6 +53,12 @@ class SearchState:
         return SearchState(**{**values, "gains": tuple(values["gains"])})
 
 
-def is_same(merit: float, other: float) -> bool:
-    """Return whether two merits are equal up to rounding: then they are of one iterate of one problem."""
-    return abs(merit - other) <= constants.SAME_MERIT * (1 + abs(other))
+def is_same(merit: float, other: float, size: float) -> bool:
+    """Return whether two merits are equal up to rounding: then they are of one iterate of one problem.
+
+    Args:
+        merit: a merit.
+        other: the other one.
+        size: what changes of the merit are relative to.
+    """
+    return abs(merit - other) <= constants.SAME_MERIT * size

@@ -15,7 +15,8 @@ from piaffe.errors import SolverError
 from piaffe.html import html_curve, html_table
 from piaffe.ocp import Policy, Trajectory, Violation
 
-from . import file
+from . import explanation, file
+from .explanation import Relaxation
 from .parts import PhaseSolution
 from .record import Record
 from .search_state import SearchState
@@ -105,14 +106,7 @@ class Solution:
                 f"last step {last.step_size:.3g}, "
                 f"regularisation {last.regularization:.1e}, barrier weight {last.barrier_weight:.1e}."
             )
-        worst = [v for v in self.violations if v.amount > 0][:5]
-        for violation in worst:
-            unit = f" {violation.unit}" if violation.unit else ""
-            lines.append(
-                f"- {violation.kind} '{violation.name}' ({violation.source}), phase '{violation.phase}', "
-                f"node {violation.node}: "
-                f"violated by {violation.amount:.3g}{unit}; its multiplier is {violation.multiplier or 0.0:.3g}"
-            )
+        lines += explanation.rows(self.violations, self.status)
         defects = [
             (float(np.max(np.abs(p.defects))), t.name, p.defects, t)
             for p, t in zip(self.phases, self.trajectory.phases, strict=True)
@@ -123,12 +117,25 @@ class Solution:
             lines.append(
                 f"- largest defect: phase '{name}', node {node}, '{trajectory.state.labels[row]}' by {size:.3g}"
             )
-        if not (self.converged or self.status is Status.UNSTABLE) and worst:
+        if not self.converged:
+            lines += [
+                text for text in (explanation.wandering(self.history), explanation.scales(self.violations)) if text
+            ]
+        relaxed = self.relaxation
+        if relaxed is not None:
             lines.append(
-                f"Smallest relaxation that would admit this iterate: '{worst[0].name}' by {worst[0].amount:.3g} "
-                f"{worst[0].unit}."
+                f"Relaxation with which all rows can hold, by their multipliers: '{relaxed.term}' by "
+                f"{relaxed.amount:.3g} {relaxed.unit}".rstrip()
+                + "."
             )
         return "\n".join(lines)
+
+    @property
+    def relaxation(self) -> Relaxation | None:
+        """A relaxation of the constraint at fault, if the solve ended with violations that cannot be met."""
+        if self.converged or self.status in (Status.UNSTABLE, Status.NOT_FINITE, Status.STATIONARY):
+            return None
+        return explanation.relaxation(self.violations, self.status)
 
     def save(self, path: str | Path) -> Path:
         """Write the solution as one ``.npz`` with a versioned header, atomically."""

@@ -27,8 +27,8 @@ class Status(Enum):
         "that explain() names; start from other controls, warm-start from a solution, or shorten the horizon."
     )
     INFEASIBLE = (
-        "Stationary, but a constraint stays violated with the largest penalty; the rows that explain() names cannot "
-        "all hold: relax them, lengthen the phase or move the keyframe."
+        "A constraint stays violated although penalties grew, and no step reduces the violation; the rows that "
+        "explain() names cannot all hold: relax them, lengthen the phase or move the keyframe."
     )
     NOT_FINITE = (
         "A value or derivative is NaN or infinite, at the start or at every trial step; check the function that "

@@ -112,9 +112,15 @@ class LowLevel(ABC):
         tick = NativeTick(
             library, self._modes, self._kept, gains=self.gains, measured=self._settings,
             num_contacts=self._num_contacts, contact_slot=self.contact_slot, damping=self.damping, law=self.law,
+            limits=self._limits(),
         )  # fmt: skip
         tick.follow(self.plan)
         return tick
+
+    def _limits(self) -> tuple[Array, Array]:
+        """Return the limits of the controls in the first stage, lower and upper (nu,)."""
+        first = followed(self.plan)[0]
+        return self.rows[first.mode].limits(first.states[0], first.p[0], first.g_mask[0])
 
     def contacts(self, t: float) -> Array:
         """Return the plan's contact flags at time t [s], (nf,).

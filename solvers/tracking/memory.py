@@ -37,7 +37,7 @@ class _Contacts(ct.Structure):
 
 class _LowLevel(ct.Structure):
     _fields_ = [
-        *((name, ct.c_void_p) for name in ("plan", "modes", "contacts", "changed", "kp", "kd", "contact_of")),
+        *((name, ct.c_void_p) for name in ("plan", "modes", "contacts", "changed", "kp", "kd", "limits", "contact_of")),
         *((name, ct.c_void_p) for name in ("in_contact",)),
         *((name, ct.c_double) for name in ("in_stance", "damping", "gradient")),
         *((name, ct.c_int) for name in ("num_changed", "new_masks", "num_contacts", "gains", "law")),
@@ -75,6 +75,7 @@ class NativeTick:
         contact_slot: slot with the contact flags.
         damping: of the last resort.
         law: what the low level returns before gains and bounds.
+        limits: of the controls in the first stage, lower and upper (nu,).
     """
 
     def __init__(
@@ -89,6 +90,7 @@ class NativeTick:
         contact_slot: str,
         damping: float,
         law: Law,
+        limits: tuple[Array, Array],
     ) -> None:
         self._modes, self._plan = tuple(modes), PlanMemory(modes)
         self._kept = [np.ascontiguousarray(kept[mode]) for mode in modes]
@@ -115,6 +117,8 @@ class NativeTick:
             law=int(law),
         )  # fmt: skip
         self._low.kp, self._low.kd, self._low.contact_of = (part.ctypes.data for part in self._gains)
+        self._limits = np.concatenate(limits)
+        self._low.limits = self._limits.ctypes.data
         most = max(len(mode.rows["stage_g"]) for mode in modes)
         self.active = np.zeros(max(most, 1), dtype=np.int32)
         self.outcome = Outcome(active=self.active.ctypes.data)

@@ -286,6 +286,41 @@ def test_bad_options_are_named(capsys: pytest.CaptureFixture[str], arguments: tu
     assert message in err
 
 
+SEVERAL = "problem = {'first': problem, 'again': problem}\n"
+
+
+def test_a_file_may_have_several_motions(capsys: pytest.CaptureFixture[str], file: Path) -> None:
+    file.write_text(f"{file.read_text()}\n{SEVERAL}mpc = dict(start='again', preparations=1)\n")
+    code, out, err = run(capsys, file, "--seconds", "0.6", "--command", "vx=0.4 motion=first@0.02", "--json")
+    assert code == 0, err
+    motions = json.loads(out)["episodes"][0]["motions"]
+    assert [name for _, name in motions] == ["again", "first"]
+    assert 0.02 < motions[1][0] < 0.6
+    code, out, _ = run(capsys, file, *SHORT)
+    assert code == 0
+    assert "mpc of first, again" in " ".join(out.split())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text", "message"),
+    [
+        (("--command", "motion=third@1"), "", "motions, command: no motion 'third'"),
+        (("--command", "motion=3@1"), "", "text is unusable - got 'motion=3@1'"),
+        ((), "mpc = dict(start='third')", "motions, start: no motion 'third'"),
+        ((), "mpc = dict(begin='again')", "no argument of Motions 'begin'"),
+        ((), "problem = {'first': 3}", "name 'problem': is not a problem - got dict"),
+        ((), "problem = {}", "name 'problem': is not a problem - got dict"),
+    ],
+)
+def test_bad_motions_are_named(
+    capsys: pytest.CaptureFixture[str], file: Path, arguments: tuple, text: str, message: str
+) -> None:
+    file.write_text(f"{file.read_text()}\n{SEVERAL}{text}\n")
+    code, _, err = run(capsys, file, *arguments)
+    assert code == 2
+    assert message in err
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

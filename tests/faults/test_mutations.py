@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from piaffe.errors import FileFormatError, SamplingError, UnknownNameError
+from piaffe.files import read_archive, write_archive
 from piaffe.sampling import load_episodes, load_value
 from piaffe.sampling.learning import dataset
 from piaffe.sampling.learning.dataset import Dataset
@@ -122,7 +123,11 @@ def test_a_mutated_file_is_refused_or_has_the_same_numbers(kind: tuple[Path, Cal
     refused = 0
     for _ in range(MUTATIONS):
         path.write_bytes(mutated(content, rng))
+        tracemalloc.start()
         found, error = outcome(path, read)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert most < 2**23  # these files declare less than 100 kB; what is left is the reader itself
         if error is None:
             assert found == right
             continue
@@ -265,6 +270,20 @@ def test_an_array_takes_the_memory_that_the_header_declares(tmp_path: Path) -> N
         assert tracemalloc.get_traced_memory()[1] < 2**22
     finally:
         tracemalloc.stop()
+
+
+def test_reading_takes_at_most_four_times_the_declared_size(tmp_path: Path) -> None:
+    arrays = {"noise": np.random.default_rng(0).normal(size=(2**20, 2)), "zeros": np.zeros((3, 2**21), order="F")}
+    write_archive(tmp_path / "large.npz", {"format": "large"}, arrays)
+    declared = sum(array.nbytes for array in arrays.values())
+    tracemalloc.start()
+    try:
+        _, read = read_archive(tmp_path / "large.npz", "large", None, lambda fault: ValueError(str(fault)))
+        assert tracemalloc.get_traced_memory()[1] < 4 * declared
+    finally:
+        tracemalloc.stop()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(read[name], array)
 
 
 @pytest.mark.parametrize("kind", ["solution", "value", "episodes"], indirect=True)

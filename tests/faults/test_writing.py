@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -77,11 +78,16 @@ def test_a_full_or_read_only_disk_is_told_before_work_begins(
     assert re.search(r"error: file '.*mounted/result2.*': cannot be written - got Read-only file system", told)
 
 
-def test_a_folder_is_no_destination_and_a_missing_one_is_made(tmp_path: Path) -> None:
+def test_a_folder_is_no_destination_and_a_missing_one_is_made_by_who_writes(tmp_path: Path) -> None:
     with pytest.raises(FileWriteError, match=r"cannot be written - got a folder, expected a file"):
         check_destination(tmp_path)
-    check_destination(tmp_path / "a" / "b.npz")
-    assert list((tmp_path / "a").iterdir()) == []
+    (tmp_path / "there").mkdir()
+    for path in (tmp_path / "a" / "b" / "c.npz", tmp_path / "there" / "b.npz"):
+        check_destination(path)
+        assert list(tmp_path.iterdir()) == [tmp_path / "there"]
+        write_whole(path, b"content")
+        assert path.read_bytes() == b"content"
+        shutil.rmtree(tmp_path / "a", ignore_errors=True)
 
 
 def test_what_a_full_disk_refuses_is_kept_elsewhere(mounted: Path, tmp_path: Path) -> None:

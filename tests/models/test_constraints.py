@@ -6,7 +6,7 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from piaffe import models
+from piaffe import models, ocp
 from piaffe.errors import ProblemError
 
 ROBOT = models.load("go2")
@@ -100,3 +100,29 @@ def test_numbers_out_of_range_are_refused():
         ProblemError, match=r"friction_cone \(.*py:\d+\): mu is out of range - got 'dry', expected a positive"
     ):
         models.friction_cone(mu="dry")
+
+
+@pytest.mark.parametrize(
+    ("make", "scale"),
+    [
+        (models.friction_cone, 50.0), (models.torque_limits, 4.0), (models.joint_limits, 0.5),
+        (models.joint_speed_limits, 3.0), (models.foot_clearance, 0.02),
+    ],
+)  # fmt: skip
+def test_a_violation_is_divided_by_the_scale(make, scale):
+    body = models.WholeBody(models.load("solo12"))
+    motion = ocp.Motion(
+        ocp.Phase("stand", models.stance("FL FR HL HR"), 0.04), ocp.Phase("fly", models.stance(""), 0.04)
+    )
+    objective = ocp.Objective(ocp.regularize(models.joints.torque, weight=1.0))
+
+    def values(constraint):
+        problem = ocp.Problem(
+            motion, body.until_end(dt=0.02), objective, ocp.Constraints(constraint), initial=body.state()
+        )
+        phase = ocp.compile_problem(problem).phases[0]
+        x, u = body.state(joints="crouch"), np.full(12, 0.3)
+        *_, g, _ = phase.mode.functions["stage"](x, u, np.full(phase.mode.nz, 2.0), phase.p[0])
+        return g.full().ravel()
+
+    assert np.allclose(values(make()), scale * values(make(scale=scale)), atol=1e-9)

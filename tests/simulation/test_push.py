@@ -109,8 +109,9 @@ def test_commands_have_a_text_form() -> None:
         Command(3.0, {"speed": 0.8, "height": 0.2}),
         Command(6.0, {"yaw_rate": -0.5}),
     )
+    assert parse_commands("motion=pace@2 vx=0.1@2") == (Command(2.0, {"motion": "pace", "speed": 0.1}),)
     assert parse_commands("vy=0.1") == (Command(0.0, {"lateral_speed": 0.1}),)
-    for word in ("vx", "vx=", "0.5@3", "vx=a", "vx=1@", "vx=1@b"):
+    for word in ("vx", "vx=", "0.5@3", "vx=a", "vx=1@", "vx=1@b", "motion=1", "motion="):
         with pytest.raises(
             ModelError, match=re.escape(f"command: text is unusable - got {word!r}, expected name=value")
         ):
@@ -124,5 +125,9 @@ def test_commands_out_of_range_are_refused() -> None:
         Command(-1.0, {"vx": 1.0})
     with pytest.raises(ModelError, match="command: no values - got none"):
         Command(1.0, {})
+    with pytest.raises(ModelError, match="command at 1 s: 'motion' is no name - got 3"):
+        Command(1.0, {"motion": 3})
+    with pytest.raises(ModelError, match="command: 'motion' has two values at one time - got trot and pace"):
+        parse_commands("motion=trot@2 motion=pace@2")
     with pytest.raises(ModelError, match="command at 1 s: 'vx' is not a number - got inf"):
         Command(1.0, {"vx": np.inf})

@@ -150,7 +150,7 @@ def test_explanation_names_the_rows_that_exclude_each_other(impossible: Solution
     assert "equality 'ground' (problems.py:" in text
     assert "inequality 'thrust limit lower' (problems.py:" in text
     assert "phase 'drop', node 18" in text
-    assert "Smallest relaxation that would admit this iterate" in text
+    assert "Relaxation with which all rows can hold" in text
     source = next(v.source for v in impossible.violations if v.name == "thrust limit lower")
     assert source.startswith("problems.py:")
 

@@ -3,6 +3,7 @@
 from .backend import STATUS as STATUS
 from .backend import Backend as Backend
 from .backend import native_memory as native_memory
+from .backend import native_scale as native_scale
 from .backend import read_iterate as read_iterate
 from .backend import read_outer as read_outer
 from .backend import read_search as read_search

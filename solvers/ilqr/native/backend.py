@@ -21,6 +21,7 @@ from ..iterate import Iterate
 from ..options import Options
 from ..outer import Outer
 from ..run import Run
+from ..scale import scale_of, unit_cost
 from ..warm_start import WarmStart
 from . import structs as s
 from .library import library_for
@@ -61,6 +62,7 @@ def _write_search(memory: SolverMemory, warm_start: WarmStart) -> int:
     c.regularization_now, c.last_step = state.regularization, state.step_size
     c.has_last_cost, c.last_cost = int(state.last_cost is not None), state.last_cost or 0.0
     c.last_equality, c.last_violation = state.last_equality, state.last_violation
+    c.last_inequality, c.stiffness = state.last_inequality, state.stiffness or c.options.stiffness
     gains = state.gains[-len(c.gains) :]
     c.inner, c.unmoved, c.num_gains = state.inner, state.unmoved, len(gains)
     c.gains[: len(gains)] = gains
@@ -86,7 +88,7 @@ def read_search(memory: SolverMemory) -> SearchState:
         regularization=c.regularization_now, step_size=c.last_step,
         gains=tuple(c.gains[i % len(c.gains)] for i in range(first, c.num_gains)), inner=c.inner, unmoved=c.unmoved,
         last_equality=c.last_equality, last_violation=c.last_violation,
-        last_cost=c.last_cost if c.has_last_cost else None,
+        last_cost=c.last_cost if c.has_last_cost else None, last_inequality=c.last_inequality, stiffness=c.stiffness,
     )  # fmt: skip
 
 
@@ -97,6 +99,16 @@ def read_iterate(memory: SolverMemory, read: Callable[[int, str], Array]) -> Ite
         states.append(read(i, "x").reshape(phase.num_stages + 1, -1).copy())
         controls.append(read(i, "u").reshape(phase.num_stages, phase.mode.nu).copy())
     return Iterate(states, controls)
+
+
+def native_scale(memory: SolverMemory) -> float:
+    """Return the scale of the cost of the problem in the memory, as :func:`piaffe.solvers.ilqr.scale.cost_scale`."""
+    unit = unit_cost(memory.problem)
+    if unit <= 0:
+        return 1.0
+    for i, phase in enumerate(memory.problem.phases):
+        memory.trial(i, "x")[:], memory.trial(i, "u")[:] = phase.guess_states.ravel(), phase.guess_controls.ravel()
+    return scale_of(float(memory.library.piaffe_predicted(ct.byref(memory.c), unit)), unit)
 
 
 def run_native(

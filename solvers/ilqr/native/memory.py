@@ -86,7 +86,8 @@ class SolverMemory:
         self.types = s.structs_of(width)
         self.library = library.loaded
         self.library.piaffe_solve.restype = ct.c_int
-        self.library.piaffe_merit.restype = ct.c_double
+        self.library.piaffe_merit.restype = self.library.piaffe_predicted.restype = ct.c_double
+        self.library.piaffe_predicted.argtypes = (ct.c_void_p, ct.c_double)
         self._kept: list[Any] = []
         self._memory = AlignedMemory()
         self.arrays: list[dict[str, Array]] = []
@@ -110,9 +111,12 @@ class SolverMemory:
         rows = [mode.rows for mode in modes] + [transition.rows for transition in transitions]
         most = max([1, *(sum(map(len, each.values())) for each in rows)])
         self.c.slope, self.c.curvature = (self._array(most * width).ctypes.data for _ in range(2))
+        self.set_options(options)
+
+    def set_options(self, options: Options) -> None:
+        """Write options, with costs in the problem's unit."""
         for name in s.OPTIONS:
-            value = getattr(options, name)
-            setattr(self.c.options, name, 0.0 if value is None else value)
+            setattr(self.c.options, name, options.number(name))
 
     # ---- memory
 

@@ -12,8 +12,9 @@ Doubles = ct.c_void_p  # an address: pointers with a type take ten times longer 
 
 _NUMBERS = [
     "max_defect", "max_equality", "max_inequality", "cost_tolerance", "barrier_weight", "barrier_factor", "barrier_gap",
-    "min_barrier_weight", "relaxation", "max_stiffness", "penalty", "penalty_factor", "max_penalty", "armijo",
-    "merit_margin", "merit_offset", "step_shrink", "min_step", "regularization", "max_regularization", "time_limit_s",
+    "min_barrier_weight", "relaxation", "stiffness", "max_stiffness", "penalty", "penalty_factor", "max_penalty",
+    "armijo", "merit_margin", "merit_offset", "step_shrink", "min_step", "regularization", "max_regularization",
+    "cost_scale", "cost_floor", "time_limit_s",
 ]  # fmt: skip
 _COUNTS = ["max_iterations", "max_inner", "corrections", "adapt"]
 OPTIONS = _NUMBERS + _COUNTS
@@ -31,8 +32,9 @@ _OF_BLOCK = [
     "factors0", "relaxation", "shift", "multiplier", "penalty", "work",
 ]  # fmt: skip
 OF_SOLVE = [
-    "weight", "rho", "least_rho", "regularization_now", "cost", "gap", "max_defect", "max_equality", "max_inequality",
-    "last_equality", "last_cost", "last_violation", "last_step", "resume_merit", "resume_cost", "began",
+    "share", "weight", "rho", "least_rho", "regularization_now", "cost", "gap", "max_defect", "max_equality",
+    "max_inequality", "last_equality", "last_cost", "last_violation", "last_inequality", "stiffness", "last_step",
+    "resume_merit", "resume_cost", "began",
 ]  # fmt: skip
 COUNTERS = ["resume_converged", "inner", "unmoved", "has_last_cost", "has_inequalities", "num_gains", "blocked"]
 

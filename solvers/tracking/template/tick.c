@@ -7,6 +7,11 @@
 #include "functions.h"
 #include "tick.h"
 
+#define SAME_LIMIT 1e-12
+
+/* A limit, or the given one if they differ by rounding: so torques are within the very numbers that are declared. */
+static inline double same_limit(double limit, double given) { return fabs(limit - given) <= SAME_LIMIT * fabs(given) ? given : limit; }
+
 TICK_PROTOTYPES
 static const tick_function of_mode[] = {TICK_FUNCTIONS};
 

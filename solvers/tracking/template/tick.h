@@ -21,6 +21,7 @@ struct low_level {
     struct contacts *contacts; /* 0 if the schedule's hold */
     const double *changed;     /* (num_changed) parameters in place of the plan's */
     const double *kp, *kd;     /* (nu) */
+    const double *limits;      /* (2, nu) lower and upper ones of the first stage, without rounding errors */
     const int *contact_of;     /* (nu) index of each control's contact flag, -1 for none */
     double *in_contact;        /* (num_contacts), of this tick */
     double in_stance, damping, gradient;

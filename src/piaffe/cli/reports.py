@@ -139,8 +139,9 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
 
 
 def _violation_values(worst: Violation | None) -> dict[str, Any] | None:
-    """Return a violation without its multiplier, because a verification computes no multipliers."""
-    return None if worst is None else {key: value for key, value in asdict(worst).items() if key != "multiplier"}
+    """Return what a verification computes of a violation: it has no multipliers."""
+    shown = ("kind", "name", "phase", "node", "amount", "unit", "source")
+    return None if worst is None else {key: getattr(worst, key) for key in shown}
 
 
 def print_verification(console: Console, result: Verification, values: dict[str, Any]) -> None:

@@ -175,11 +175,23 @@ class _Refused(Exception):  # it never leaves this module
         self.fault = fault
 
 
+class _Bounded(io.BufferedReader):
+    """A file of which no more is asked for than it has: a plain one takes the memory for what a damaged size says."""
+
+    def __init__(self, raw: io.FileIO) -> None:
+        super().__init__(raw)
+        self._end = os.fstat(raw.fileno()).st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(self._end - self.tell(), 0)
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
 @contextmanager
 def _opened(source: bytes | Path, refuse: Refuse) -> Iterator[tuple[zipfile.ZipFile, int]]:
     """Yield an archive and the size of its file [bytes]; refuse it for any error within the block."""
     try:
-        stream: IO[bytes] = io.BytesIO(source) if isinstance(source, bytes) else source.open("rb")
+        stream: IO[bytes] = io.BytesIO(source) if isinstance(source, bytes) else _Bounded(io.FileIO(source))
     except (OSError, ValueError) as error:  # ValueError: a path with a zero byte
         raise refuse(Fault("unreadable", getattr(error, "strerror", None) or error)) from error
     with stream:

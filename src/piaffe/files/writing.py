@@ -81,11 +81,12 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def check_destination(path: Path) -> None:
-    """Raise an error if a file cannot be written, before the work for it begins; its folder is created.
+    """Raise an error if a file cannot be written, before the work for it begins; nothing is left behind.
 
     Raises:
         FileWriteError: it is a folder, its folder cannot be created or written, or the disk is full.
     """
+    absent = [folder for folder in path.parents if not os.path.exists(folder)]  # noqa: PTH110  # no error is raised
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "a folder")
@@ -104,6 +105,10 @@ def check_destination(path: Path) -> None:
             f"file '{path}': cannot be written - got {error.strerror or error}, expected a file in a folder that you "
             "may write, with free space; choose another path"
         ) from error
+    finally:
+        for folder in absent:  # the innermost first
+            with suppress(OSError):
+                folder.rmdir()
 
 
 class _Written(Exception):  # no error: it ends the block, which removes the file

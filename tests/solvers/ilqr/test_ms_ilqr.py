@@ -237,7 +237,7 @@ def test_a_start_that_was_no_solution_does_not_end_the_barrier(backend: Backend)
         ocp.Objective(ocp.track("thrust", 0.1, to=9.81), ocp.track("z", 20.0, to=0.3, at="end")),
         ocp.Constraints(ocp.inequality(lambda s: s.z, lower=0.0, name="floor", unit="m")), initial=[0.2, 0.0],
     )  # fmt: skip
-    problem, patient = compile_problem(hover), replace(ACCURATE, max_inner=100, barrier_weight=10.0)
+    problem, patient = compile_problem(hover), replace(ACCURATE, max_inner=100, barrier_weight=10.0, cost_scale=1.0)
     weights = [record.barrier_weight for record in MSiLQR(problem, patient, backend=backend).solve().history]
     first = replace(patient, max_iterations=weights.count(weights[0]))
     part = MSiLQR(problem, first, backend=backend).solve()

@@ -263,3 +263,20 @@ def test_fault_is_kept_in_the_file(tmp_path) -> None:
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_problems_have_no_fault(name: str) -> None:
     assert not MSiLQR(PROBLEMS[name](), backend="numpy").solve().fault
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_term_at_the_end_is_named_in_its_own_phase(backend: str) -> None:
+    """Its derivative is not finite at rest, also at the end of the first phase, to which it does not apply."""
+    model = ocp.Model("cart", state={"x": 1, "v": 1}, control={"u": 1}, modes={"go": lambda s: {"x": s.v, "v": s.u}})
+    motion = ocp.Motion(ocp.Phase("first", "go", 0.2, {"x": 0.5}), ocp.Phase("last", "go", 0.2, {"x": 0.5}))
+    size = ocp.equality(lambda s: cs.sqrt(s.x**2 + s.v**2), at="end", name="size")
+    objective = ocp.Objective(ocp.regularize("u", 1.0))
+    problem = ocp.Problem(motion, model.until_end(dt=0.1), objective, ocp.Constraints(size), initial=[0.5, 0.0])
+    solver = MSiLQR(problem, backend=backend)
+    found = solver.solve()
+    rests = tuple(replace(p, states=0 * p.states, controls=0 * p.controls) for p in found.trajectory.phases)
+    solution = solver.solve(replace(found, trajectory=replace(found.trajectory, phases=rests), search=None))
+    assert solution.status is Status.NOT_FINITE
+    assert "'size'" in solution.fault
+    assert "phase 'last'" in solution.fault

@@ -80,8 +80,8 @@ typedef struct Phase {
 
 typedef struct {
     double max_defect, max_equality, max_inequality, cost_tolerance, barrier_weight, barrier_factor, barrier_gap,
-        min_barrier_weight, relaxation, max_stiffness, penalty, penalty_factor, max_penalty, armijo, merit_margin,
-        merit_offset, step_shrink, min_step, regularization, max_regularization, time_limit_s;
+        min_barrier_weight, relaxation, stiffness, max_stiffness, penalty, penalty_factor, max_penalty, armijo, merit_margin,
+        merit_offset, step_shrink, min_step, regularization, max_regularization, cost_scale, cost_floor, time_limit_s;
     int max_iterations, max_inner, corrections;
     int adapt;                              /* whether a solve changes barrier, multipliers and penalties */
 } Options;
@@ -114,7 +114,9 @@ typedef struct Problem {
     int cleared;                            /* whether the constant zeros of D, H, end_H, P are set; 0 after each new layout */
     double *slope, *curvature;              /* work arrays like those of a block: rows of the largest mode times W */
     /* state of a solve */
-    double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_step;
+    double share;                           /* of the cost in the linear-quadratic model; 1 but for attempts to find a feasible point */
+    double weight, rho, least_rho, regularization_now, cost, gap, max_defect, max_equality, max_inequality, last_equality, last_cost, last_violation, last_inequality, stiffness,
+        last_step;
     /* of a warm start: the merit at its state of the search; its cost, used if that state is of another problem */
     double resume_merit, resume_cost;
     double began;                           /* when the solve did, on its clock [s] */
@@ -127,7 +129,7 @@ typedef struct Problem {
 
 /* Before each call the caller writes the start to xt and ut of each phase (a solve swaps these pointers with x and u), relaxations,
  * shifts, multipliers and penalties to all lanes of the blocks, and sets cancel = 0. If resumed: also weight, has_last_cost and
- * last_cost. If resumed is 2: also rho, least_rho, regularization_now, last_step, last_equality, last_violation, inner, unmoved,
+ * last_cost. If resumed is 2: also rho, least_rho, regularization_now, last_step, last_equality, last_violation, last_inequality, stiffness, inner, unmoved,
  * gains, num_gains and the resume_ fields. Everything else may be of any other solve. */
 int piaffe_solve(Problem *problem, int resumed);
 /* The clock of a problem [s]. */
@@ -136,4 +138,6 @@ int piaffe_policy(Problem *problem);
 /* After a solve that did not adapt; the caller has set last_equality. */
 void piaffe_adapt(Problem *problem, int status, double largest_defect);
 double piaffe_merit(Problem *problem);
+/* Before the call the caller writes the guess to xt and ut; the call overwrites relaxations, shifts, multipliers and penalties. */
+double piaffe_predicted(Problem *problem, double unit);
 #endif

@@ -20,9 +20,6 @@
 #include "outer.inc"
 #include "parts.inc"
 
-/* The status of a solve without a further step: a number is not finite, or the line search failed. */
-static int failure(const Problem *pr) { return pr->blocked || !model_is_finite(pr) ? NOT_FINITE : LINE_SEARCH_FAILED; }
-
 static int gained_nothing(const Problem *pr, double tolerance)
 {
     if (pr->num_gains < PATIENCE) return 0;
@@ -40,6 +37,39 @@ static int is_blocked(Problem *pr, double tolerance)
     return !(fabs(dV[0] + 0.5 * dV[1]) < tolerance);
 }
 
+/* Whether a step that hardly regards the cost reduces the violation; if so, the search goes on. Overwrites the step. */
+static int can_improve(Problem *pr)
+{
+    const Options *o = &pr->options;
+    const double regularization = pr->regularization_now;
+    int improved = 0;
+    pr->share = SHARE_OF_COST;
+    linearise(pr);
+    if (direction(pr, (double[2]){0, 0}))
+        for (double size = 1.0; !improved && size >= SHORTEST_ATTEMPT; size *= o->step_shrink) {
+            move(pr, 0, size);
+            evaluate(pr);
+            const Sums s = sums_of_trial(pr);
+            improved = fmax(s.max_h / o->max_equality, s.max_g / o->max_inequality) < IMPROVED * pr->last_violation;
+        }
+    pr->share = 1.0, pr->regularization_now = regularization;
+    linearise(pr);
+    if (improved) pr->unmoved = 0;
+    return improved;
+}
+
+/* The status of a solve without a further step: a number is not finite, violations remain that no step reduces, or the line search
+ * failed. */
+static int failure(Problem *pr, const Sums *at)
+{
+    const Options *o = &pr->options;
+    const double violation = fmax(at->max_h / o->max_equality, at->max_g / o->max_inequality);
+    if (pr->blocked || !model_is_finite(pr)) return NOT_FINITE;
+    if (!o->adapt || !(violation > 1) || at->max_defect >= NEARLY_CLOSED) return LINE_SEARCH_FAILED;
+    pr->last_violation = violation, pr->regularization_now = 0.0;
+    return can_improve(pr) ? LINE_SEARCH_FAILED : INFEASIBLE;
+}
+
 static void note(Problem *pr, const Sums *at)
 {
     pr->cost = at->cost, pr->gap = at->gap;
@@ -52,13 +82,14 @@ static void begin_search(Problem *pr)
     pr->regularization_now = 0.0;
     pr->last_step = 1.0;
     pr->inner = pr->unmoved = pr->num_gains = 0;
-    pr->last_equality = pr->last_violation = INFINITY;
+    pr->last_equality = pr->last_violation = pr->last_inequality = INFINITY;
+    pr->stiffness = pr->options.stiffness;
 }
 
 /* Whether the merit of the accepted iterate is that of the earlier search. */
 static int is_same(const Problem *pr, const Sums *at)
 {
-    return fabs(at->cost + at->penalty + pr->rho * at->gap - pr->resume_merit) <= SAME_MERIT * (1 + fabs(pr->resume_merit));
+    return fabs(at->cost + at->penalty + pr->rho * at->gap - pr->resume_merit) <= SAME_MERIT * size_of(pr, pr->resume_merit);
 }
 
 /* `resumed`: 0 for a cold start; 1 if barrier and multipliers are those of an earlier solve; 2 if the state of the search is,
@@ -68,6 +99,7 @@ int piaffe_solve(Problem *pr, int resumed)
     const Options *o = &pr->options;
     double dV[2];
     pr->began = piaffe_now(pr);
+    pr->share = 1.0;
     if (!resumed) pr->weight = o->barrier_weight, pr->has_last_cost = 0;
     if (resumed < 2) begin_search(pr);
     pr->num_records = pr->blocked = 0;
@@ -87,15 +119,15 @@ int piaffe_solve(Problem *pr, int resumed)
     for (;;) {
         if (atomic_load_explicit(&pr->cancel, memory_order_relaxed)) return INTERRUPTED;
         note(pr, &at);
-        if (!direction(pr, dV)) return failure(pr);
-        double tolerance = o->cost_tolerance * (1 + fabs(at.cost));
+        if (!direction(pr, dV)) return failure(pr, &at);
+        double tolerance = o->cost_tolerance * size_of(pr, at.cost);
         int stationary = (fabs(dV[0] + 0.5 * dV[1]) < tolerance || gained_nothing(pr, tolerance)) && at.max_defect < o->max_defect;
         int met = at.max_h <= o->max_equality && at.max_g <= o->max_inequality;
         if (stationary && pr->blocked && pr->regularization_now > o->regularization) {
             if (is_blocked(pr, tolerance)) return NOT_FINITE;
-            if (!direction(pr, dV)) return failure(pr);
+            if (!direction(pr, dV)) return failure(pr, &at);
         }
-        if (stationary && met && gap_is_closed(pr)) return CONVERGED;
+        if (stationary && met && gap_is_closed(pr) && is_exact(pr)) return CONVERGED;
         if (stationary && !o->adapt) return STATIONARY;
         if (pr->num_records >= o->max_iterations) return ITERATION_LIMIT;
         int due = pr->inner >= o->max_inner && at.max_defect < NEARLY_CLOSED && (!met || near_gap(pr) > allowed(pr));
@@ -103,8 +135,8 @@ int piaffe_solve(Problem *pr, int resumed)
             update(pr, &at, stationary);
             pr->inner = pr->num_gains = 0;
             linearise(pr);
-            if (pr->unmoved > MAX_UNMOVED) return INFEASIBLE;
-            if (!direction(pr, dV)) return failure(pr);
+            if (pr->unmoved > MAX_UNMOVED && !can_improve(pr)) return INFEASIBLE;
+            if (!direction(pr, dV)) return failure(pr, &at);
         }
         double size = search(pr, dV, &at);
         if (size < 0.0) return TIME_LIMIT;
@@ -116,7 +148,7 @@ int piaffe_solve(Problem *pr, int resumed)
                 at.max_defect, at.max_h, at.max_g, size, pr->regularization_now, pr->weight, piaffe_now(pr) - pr->began,
             };
         atomic_store_explicit(&pr->num_records, pr->num_records + 1, memory_order_release);
-        if (pr->regularization_now > o->max_regularization) return failure(pr);
+        if (pr->regularization_now > o->max_regularization) return failure(pr, &at);
         if (size > 0.0) linearise(pr);
     }
 }
@@ -133,6 +165,25 @@ void piaffe_adapt(Problem *pr, int status, double largest_defect)
         if (!moved || pr->max_defect >= largest_defect || (met && near_gap(pr) <= allowed(pr))) return;
     }
     update(pr, &at, status == STATIONARY);
+}
+
+/* The declared cost that the quadratic model at the guess, which the caller has written into the trial arrays, predicts after one
+ * full step; NaN if there is none. Equalities and violated inequalities have penalties relative to `unit`; scale.py. */
+double piaffe_predicted(Problem *pr, double unit)
+{
+    const double penalty = SCALE_PENALTY * unit;
+    double dV[2];
+    pr->share = 1.0;
+    evaluate(pr);
+    const Sums at = sums_of_trial(pr);
+    accept(pr);
+    set_penalties(pr, penalty);
+    linearise(pr);
+    if (!backward(pr, SCALE_RIDGE * unit)) return NAN;
+    set_penalties(pr, 0.0);
+    linearise(pr);
+    forward(pr, 0, dV);
+    return at.cost + dV[0] + 0.5 * dV[1];
 }
 
 /* The merit of the accepted iterate, with the barrier and multipliers as they are now. */

@@ -132,12 +132,12 @@ def check(
     first = replace(options, max_iterations=max(cold.iterations // 2, 1))
     half = MSiLQR(problem, first, backend="numpy").solve(shooting=shooting)
     expected = [cold, solver.solve(half, shooting=shooting)]
-    program_file = _program(problem, tool, case)
+    program_file, scaled = _program(problem, tool, case), solver.scaled_options()
     with tempfile.TemporaryDirectory() as folder:
         images = []
         library, _ = library_for(problem, width=case[0])
         for k, warm in enumerate((None, WarmStart.of(half))):
-            memory, outer = ImageMemory(problem, library, options), Outer(problem, options)
+            memory, outer = ImageMemory(problem, library, scaled), Outer(problem, scaled)
             if warm is not None:
                 outer.resume(warm)
             memory.set_shooting(solver.flags(shooting))

@@ -15,9 +15,10 @@ from piaffe.solvers.ilqr.native.backend import Backend
 from piaffe.solvers.ilqr.native.program import TEMPLATES
 
 from ....problems import PROBLEMS, bouncing_ball
+from ...infeasible_problems import slippery_start
 from .test_solver import GCC, assert_same_history, compiled
 
-MAKE = {**PROBLEMS, "ball that is too slow": lambda: bouncing_ball(limit=0.5)}
+MAKE = {**PROBLEMS, "ball that is too slow": lambda: bouncing_ball(limit=0.5), "slippery start": slippery_start}
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Case:
 
 FAILING = {"armijo": 0.9, "min_step": 0.2}
 CASES = {
-    "PATIENCE": Case(1, "swing up", 30, {"cost_tolerance": 1e-3, "max_defect": 1.0}),
+    "PATIENCE": Case(1, "swing up", 30, {"cost_tolerance": 1e-3, "max_defect": 1.0, "cost_scale": 1.0}),
     "NEARLY_CLOSED": Case(0.15, "swing up", 12),
     "REGULARIZATION_FACTOR": Case(2.0, "rope", 12, FAILING),
     "RAISES_AFTER_FAILURE": Case(1, "rope", 12, FAILING),
@@ -58,13 +59,19 @@ CASES = {
     "GAP_DECREASE": Case(0.2, "rope", 8),
     "SAME_MERIT": Case(1e3, "swing up", 4, warm=True),
     "NEARLY_MET": Case(1000.0, "rope"),
-    "NEAR_BOUND": Case(1.0, "rope", 60, {"max_inner": 1}),
-    "SLACK": Case(0.75, "bouncing ball"),
+    "NEAR_BOUND": Case(1e-3, "swing up", 30, {"max_inner": 1, "cost_scale": 1.0}),
+    "SLACK": Case(0.75, "bouncing ball", 60, {"cost_scale": 1.0}),
     "AT_FLOOR": Case(3.0, "hopper"),
     "LARGEST_SHRINK": Case(9.0, "rope", 12),
     "LEAST_SHRINK": Case(0.2, "rope", 12),
     "SLOW_DECREASE": Case(0.8, "rope", 20),
-    "NO_PROGRESS": Case(1.5, "ball that is too slow"),
+    "SCALE_PENALTY": Case(1.0, "hopper", 12),
+    "SCALE_RELAXATION": Case(0.5, "rope", 12),
+    "SCALE_RIDGE": Case(1e3, "rope", 12),
+    "SHARE_OF_COST": Case(1e9, "slippery start"),
+    "SHORTEST_ATTEMPT": Case(2.0, "slippery start"),
+    "IMPROVED": Case(1e-9, "slippery start"),
+    "NO_PROGRESS": Case(1.5, "ball that is too slow", 40, {"max_penalty": 1e4, "max_stiffness": 1e6}),
     "MAX_UNMOVED": Case(2, "ball that is too slow"),
 }
 
@@ -115,19 +122,19 @@ def test_policy_is_regularised_in_steps_of_its_factor(
 ) -> None:
     changed(monkeypatch, {"POLICY_REGULARIZATION_FACTOR": factor})
     for backend in ("numpy", "native"):
-        options = Options(regularization=1.0, max_iterations=1)
+        options = Options(regularization=1.0, max_iterations=1, cost_scale=1.0)
         (phase,) = MSiLQR(twins(), options, backend=backend).solve().phases
         assert phase.Q_xx[-1].item() == pytest.approx(0.25 + regularization, rel=1e-6)
 
 
 @pytest.mark.skipif(GCC is None, reason="no C compiler on the path")
 def test_only_the_last_gains_of_a_stored_search_are_used() -> None:
-    half = MSiLQR(compiled("swing up"), Options(max_iterations=20), backend="numpy").solve()
+    half = MSiLQR(compiled("swing up"), Options(max_iterations=20, cost_scale=1.0), backend="numpy").solve()
     assert half.search is not None
     gains = tuple(1.0 + k for k in range(constants.PATIENCE + 3))
     start = replace(half, search=replace(half.search, gains=gains))
     for backend in ("numpy", "native"):
-        rest = MSiLQR(compiled("swing up"), Options(max_iterations=1), backend=backend).solve(start)
+        rest = MSiLQR(compiled("swing up"), Options(max_iterations=1, cost_scale=1.0), backend=backend).solve(start)
         assert rest.search is not None
         assert rest.search.gains[:-1] == gains[-constants.PATIENCE + 1 :]
 
@@ -166,7 +173,7 @@ def test_every_constant_is_changed_in_a_test() -> None:
 @pytest.mark.parametrize("name", constants.table())
 def test_both_backends_read_the_constant_by_name(name: str) -> None:
     assert any(re.search(rf"\b{name}\b", code(file)) for file in LOOP)
-    assert any(f"constants.{name}" in source(module) for module in MODULES)
+    assert any(f"constants.{name}" in source(module) for module in (*MODULES, "ilqr/scale.py"))
 
 
 @pytest.mark.parametrize("file", LOOP)

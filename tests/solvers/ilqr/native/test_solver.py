@@ -77,7 +77,7 @@ def by_numpy(name: str) -> Solution:
 @cache
 def watched(name: str) -> Watched:
     numpy = MSiLQR(compiled(name), backend="numpy")
-    run = Watched(numpy.functions, numpy.options, numpy.start(None), numpy.flags(True), None)
+    run = Watched(numpy.functions, numpy.scaled_options(), numpy.start(None), numpy.flags(True), None)
     assert run.loop() is Status.CONVERGED
     return run
 
@@ -219,7 +219,7 @@ def assert_same_policy(problem: CompiledProblem, limit: int) -> None:
     """Compare the last sweep of the compiled solver with that of NumPy at the same iterate."""
     by_c = MSiLQR(problem, Options(max_iterations=limit))
     assert by_c.memory is not None
-    run = Run(by_c.functions, by_c.options, by_c.start(None), by_c.flags(True), None)
+    run = Run(by_c.functions, by_c.scaled_options(), by_c.start(None), by_c.flags(True), None)
     status = run_native(by_c.memory, run, None, None)
     assert run.policy is not None
     got = assemble(run, status, 0.0)

@@ -126,7 +126,7 @@ def test_policy_and_expansions_are_those_of_numpy(name: str, target: str) -> Non
     problem, doubles = compiled(name), TARGETS[target]
     by_c = MSiLQR(problem, Options(max_iterations=3), backend="numpy")
     memory = SolverMemory(problem, library_at(problem, target, doubles), by_c.options)
-    run = Run(by_c.functions, by_c.options, by_c.start(None), by_c.flags(True), None)
+    run = Run(by_c.functions, by_c.scaled_options(), by_c.start(None), by_c.flags(True), None)
     status = run_native(memory, run, None, None)
     got = assemble(run, status, 0.0)
     run.policy = None

@@ -19,7 +19,7 @@ class Watched(Run):
         self.margin = min(self.margin, abs(value - bound) / scale)
 
     def is_stationary(self, direction: Direction) -> bool:
-        tolerance = self.o.cost_tolerance * (1 + abs(self.current.cost))
+        tolerance = self.o.cost_tolerance * self.outer.size(self.current.cost)
         self.note(abs(direction.dV1 + 0.5 * direction.dV2), tolerance, tolerance)
         self.note(max(self.gains[-constants.PATIENCE :], default=0.0), tolerance, tolerance)
         self.note(self.current.max_defect, self.o.max_defect, self.o.max_defect)
@@ -37,7 +37,7 @@ class Watched(Run):
         tried = super().trial(start, dx, du, size)
         if start is self.current.iterate:
             self.size = size
-        s, gap, scale = self.size, self.current.gap, 1 + abs(self.before)
+        s, gap, scale = self.size, self.current.gap, self.outer.size(self.before)
         expected = s * self.given.dV1 + 0.5 * s**2 * self.given.dV2 - s * self.rho * gap
         merit = self.augmented(tried) + self.rho * tried.gap
         bound = self.before + self.o.armijo * expected + constants.MERIT_ROUNDING * abs(self.before)

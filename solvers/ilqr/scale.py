@@ -1,0 +1,89 @@
+"""The natural size of a problem's cost, to which barrier, penalties and regularisation of a solve are relative."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from piaffe.ocp import CompiledProblem
+
+from .. import constants
+from .iterate import Iterate, PhaseDual, PhaseValues, ProblemFunctions, running_cost
+from .options import Options
+from .riccati import LqPhase, backward, roll_out
+
+_SHARE = 0.65
+"""The scale is this share of the predicted cost: gaits and rolls of quadrupeds have scales of 1 to 10 with it."""
+_LEAST, _LARGEST = 1e-6, 10.0
+"""Limits of the scale, relative to the cost of residuals that are all 1: that of residuals of a thousandth, and one
+because a quadratic model far from its guess predicts costs that nothing has."""
+
+
+def cost_scale(functions: ProblemFunctions) -> float:
+    """Return the natural size of a problem's cost, proportional to the weights; 1 if no term has a weight.
+
+    It is a share of the declared cost that the quadratic model predicts after one full step from the guess. In the
+    model, equalities and violated inequalities have penalties as large as all weights together. So it is the size of a
+    cost near the optimum, also where the cost of the guess is zero. It depends on neither options nor a warm start.
+
+    Args:
+        functions: the problem's functions.
+    """
+    problem, unit = functions.problem, unit_cost(functions.problem)
+    if unit <= 0:
+        return 1.0
+    at = Iterate([p.guess_states for p in problem.phases], [p.guess_controls for p in problem.phases])
+    values = functions.all_values(at)
+    defects = functions.defects(at, values)
+
+    def models(penalty: float) -> list[LqPhase]:
+        duals, weight = [_penalties(value, penalty) for value in values], penalty * constants.SCALE_RELAXATION**2
+        return [functions.lq(i, at, values[i], defects[i], duals[i], weight) for i in range(len(duals))]
+
+    cost, predicted = sum(running_cost(p, v) for p, v in zip(problem.phases, values, strict=True)), np.nan
+    sweeps = backward(models(constants.SCALE_PENALTY * unit), constants.SCALE_RIDGE * unit)
+    if sweeps is not None:
+        step = roll_out(models(0.0), sweeps)
+        predicted = cost + step.dV1 + 0.5 * step.dV2
+    return scale_of(predicted, unit)
+
+
+def scaled(options: Options, scale: Callable[[], float]) -> Options:
+    """Return options for costs in the problem's unit.
+
+    Args:
+        options: options, relative to the scale of the cost. Without ``adapt`` and without a scale of their own they are
+            not changed.
+        scale: called for the scale of the problem, if the options have none.
+    """
+    own = scale() if options.cost_scale is None and options.adapt else options.cost_scale
+    return options if own is None else options.absolute(own)
+
+
+def unit_cost(problem: CompiledProblem) -> float:
+    """Return the cost of residuals that are all 1."""
+    return float(sum(0.5 * (p.dt * np.sum(p.weight) + np.sum(p.end_weight)) for p in problem.phases))
+
+
+def scale_of(predicted: float, unit: float) -> float:
+    """Return the scale of a predicted cost, rounded so that both backends have the same.
+
+    Args:
+        predicted: the cost; NaN or infinite if there is none.
+        unit: the cost of residuals that are all 1; 0 if no term has a weight.
+    """
+    if unit <= 0:
+        return 1.0
+    share = float(np.float32(_SHARE * predicted / unit)) if np.isfinite(predicted) else 0.0
+    return min(max(share, _LEAST), _LARGEST) * unit
+
+
+def _penalties(value: PhaseValues, penalty: float) -> PhaseDual:
+    g, end_g, h, end_h = value.g, value.end_g, value.h, value.end_h
+    delta = constants.SCALE_RELAXATION
+    return PhaseDual(
+        relaxation=np.full_like(g, delta), end_relaxation=np.full_like(end_g, delta), shift=np.zeros_like(g),
+        end_shift=np.zeros_like(end_g), multiplier=np.zeros_like(h), penalty=np.full_like(h, penalty),
+        end_multiplier=np.zeros_like(end_h), end_penalty=np.full_like(end_h, penalty),
+    )  # fmt: skip
