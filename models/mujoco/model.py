@@ -32,7 +32,11 @@ Array = NDArray[np.float64]
 
 ABSENT = {
     quantity.path: f"there is no {what} before the simulator's step; remove the term with .without(...)"
-    for quantity, what in ((feet.force, "contact force"), (joints.acceleration, "acceleration"))
+    for quantity, what in (
+        (feet.force, "contact force"),
+        (feet.contact_force, "contact force"),
+        (joints.acceleration, "acceleration"),
+    )
 }
 """Quantities of the whole body that the simulator does not have, by path, and the reason."""
 

@@ -245,7 +245,10 @@ def test_the_step_of_the_schedule_is_the_simulator_s():
 @pytest.mark.parametrize(
     ("term", "why"),
     [
-        (models.friction_cone(), "cannot supply 'feet.force' (there is no contact force before the simulator's step"),
+        (
+            models.friction_cone(),
+            "cannot supply 'feet.contact_force' (there is no contact force before the simulator's step",
+        ),
         (ocp.inequality(lambda s: s.joints.acceleration), "cannot supply 'joints.acceleration' (there is no acceler"),
     ],
 )

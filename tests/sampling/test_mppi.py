@@ -279,7 +279,7 @@ def test_terms_that_apply_nowhere_are_refused(trot):
     with pytest.raises(ProblemError, match=r"'hip range' \(.*\): applies nowhere - .* no component 'hip' \(it has"):
         controller_of(of_terms(trot, speed, constraints=[models.joint_range("hip", 0.1)]))
     cone = models.friction_cone()
-    with pytest.raises(ProblemError, match="'friction cone' .* cannot supply 'feet.force'"):
+    with pytest.raises(ProblemError, match="'friction cone' .* cannot supply 'feet.contact_force'"):
         controller_of(of_terms(trot, speed, constraints=[cone]))
     with pytest.raises(ModelError, match="no component 'hip'"):
         controller_of(of_terms(trot, ocp.track(joints.position, weight={"hip": 1.0})))
