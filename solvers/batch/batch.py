@@ -206,7 +206,9 @@ class _Batch:
         start = iterate_from(functions.problem, warm)
         flags = [np.full(phase.num_stages + 1, True) for phase in self.compiled.phases]
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            run = Run(functions, scaled(self.options, partial(cost_scale, functions)), start, flags, None)
+            run = Run(
+                functions, scaled(self.options, functions.problem, partial(cost_scale, functions)), start, flags, None
+            )
             if warm is not None:
                 run.resume(warm)
             try:
@@ -285,7 +287,7 @@ class _Batch:
         began, warm = time.perf_counter(), self.warm[i]
         problem = self.instance(i)
         memory.set_numbers(problem)
-        options = scaled(self.options, partial(native_scale, memory))
+        options = scaled(self.options, problem, partial(native_scale, memory))
         memory.set_options(options)
         outer = Outer(problem, options)
         if warm is not None:

@@ -160,8 +160,9 @@ class MSiLQR:
         if self._absolute is None:
             memory = self.memory
             self._absolute = scaled(
-                self.options, lambda: cost_scale(self.functions) if memory is None else native_scale(memory)
-            )
+                self.options, self.problem,
+                lambda: cost_scale(self.functions) if memory is None else native_scale(memory),
+            )  # fmt: skip
             if memory is not None:
                 memory.set_options(self._absolute)
         return self._absolute

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from .riccati import LqPhase, backward, roll_out
 
 _SHARE = 0.65
 """The scale is this share of the predicted cost: gaits and rolls of quadrupeds have scales of 1 to 10 with it."""
+_USUAL_S = 2.0  # duration of a horizon up to which the first barrier weight is relative to the whole scale [s]
 _LEAST, _LARGEST = 1e-6, 10.0
 """Limits of the scale, relative to the cost of residuals that are all 1: that of residuals of a thousandth, and one
 because a quadratic model far from its guess predicts costs that nothing has."""
@@ -49,16 +51,25 @@ def cost_scale(functions: ProblemFunctions) -> float:
     return scale_of(predicted, unit)
 
 
-def scaled(options: Options, scale: Callable[[], float]) -> Options:
+def scaled(options: Options, problem: CompiledProblem, scale: Callable[[], float]) -> Options:
     """Return options for costs in the problem's unit.
+
+    The barrier is an integral over time. So its first weight is relative to the scale by time where the horizon is
+    longer than two seconds, which gaits and rolls are not.
 
     Args:
         options: options, relative to the scale of the cost. Without ``adapt`` and without a scale of their own they are
             not changed.
+        problem: the problem.
         scale: called for the scale of the problem, if the options have none.
     """
-    own = scale() if options.cost_scale is None and options.adapt else options.cost_scale
-    return options if own is None else options.absolute(own)
+    if options.cost_scale is not None:
+        return options.absolute(options.cost_scale)
+    if not options.adapt:
+        return options
+    absolute = options.absolute(scale())
+    duration = sum(phase.dt * phase.num_stages for phase in problem.phases)
+    return replace(absolute, barrier_weight=absolute.barrier_weight * min(1.0, _USUAL_S / duration))
 
 
 def unit_cost(problem: CompiledProblem) -> float:
