@@ -2,6 +2,7 @@
 
 import ctypes as ct
 import struct
+from bisect import bisect_right
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,8 @@ class ImageMemory(SolverMemory):
             is_history = thing is self.history
             blocks.append((ct.addressof(thing), ct.string_at(ct.addressof(thing), ct.sizeof(thing)), not is_history))
         begins = {address: i for i, (address, _, _) in enumerate(blocks)}
+        arrays = sorted((blocks[i][0], i) for i in range(first))
+        addresses = [address for address, _ in arrays]
         (phases,) = (i for i, thing in enumerate(structures) if thing is self.phases)
         start, step = ct.addressof(self.phases), ct.sizeof(self.phases) // len(self.phases)
         inside = {start + k * step: (first + phases, k * step) for k in range(len(self.phases))}  # Phase.next
@@ -66,6 +69,10 @@ class ImageMemory(SolverMemory):
                     pointers.append((i, at, begins[word], 0))
                 elif word in tables:
                     symbols.append((i, at, tables[word]))
+                elif (k := bisect_right(addresses, word) - 1) >= 0:  # a part of an array, as V_last of V_xx
+                    address, array = arrays[k]
+                    if word < address + len(blocks[array][1]):
+                        pointers.append((i, at, array, word - address))
         with path.open("wb") as file:
             file.write(struct.pack("<q", len(blocks)))
             for _, content, given in blocks:
