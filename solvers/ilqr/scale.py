@@ -16,7 +16,7 @@ from .riccati import LqPhase, backward, roll_out
 
 _SHARE = 0.65
 """The scale is this share of the predicted cost: gaits and rolls of quadrupeds have scales of 1 to 10 with it."""
-_USUAL_S = 2.0  # duration of a horizon up to which the first barrier weight is relative to the whole scale [s]
+_USUAL_S = 3.0  # duration of a horizon up to which the first barrier weight is relative to the whole scale [s]
 _LEAST, _LARGEST = 1e-6, 10.0
 """Limits of the scale, relative to the cost of residuals that are all 1: that of residuals of a thousandth, and one
 because a quadratic model far from its guess predicts costs that nothing has."""
@@ -55,7 +55,7 @@ def scaled(options: Options, problem: CompiledProblem, scale: Callable[[], float
     """Return options for costs in the problem's unit.
 
     The barrier is an integral over time. So its first weight is relative to the scale by time where the horizon is
-    longer than two seconds, which gaits and rolls are not.
+    longer than three seconds, which gaits, rolls and jumps are not.
 
     Args:
         options: options, relative to the scale of the cost. Without ``adapt`` and without a scale of their own they are
