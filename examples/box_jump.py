@@ -14,7 +14,7 @@ from piaffe.ocp import rotation
 
 BOX = 0.15  # [m]
 DT = 0.01  # [s]
-KICKS = {"solo12": (0.6, -0.25, 5.0), "go2": (0.6, -0.25, 5.0), "anymal_c": (0.48, -0.185, 11.0)}
+KICKS = {"solo12": (0.65, -0.25, 5.0), "go2": (0.6, -0.25, 5.0), "anymal_c": (0.48, -0.185, 13.0)}
 """Height over that of standing, in heights of the box, and pitch at the end of the kick; weight of the torques."""
 
 
