@@ -8,6 +8,7 @@ import sys
 
 from piaffe.errors import PiaffeError
 
+_WORKED: set[str] = set()  # the probe takes a process and a second
 _PROBE = """
 import mujoco
 model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><light/><geom type='sphere' size='1'/></worldbody></mujoco>")
@@ -46,7 +47,9 @@ def prepare(timeout_s: float = 120.0) -> str:
 
 
 def works(backend: str, timeout_s: float) -> bool:
-    """Return whether a picture can be rendered with a backend."""
+    """Return whether a picture can be rendered with a backend; what has worked is not tried again."""
+    if backend in _WORKED:
+        return True
     try:
         done = subprocess.run(
             [sys.executable, "-c", _PROBE],
@@ -56,6 +59,8 @@ def works(backend: str, timeout_s: float) -> bool:
         )
     except subprocess.TimeoutExpired:
         return False
+    if done.returncode == 0:
+        _WORKED.add(backend)
     return done.returncode == 0
 
 
