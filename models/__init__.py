@@ -15,6 +15,7 @@ from .constraints import torque_limits as torque_limits
 from .costs import soft_landing as soft_landing
 from .doctor import diagnose as diagnose
 from .doctor_text import Finding as Finding
+from .ground_warnings import heights_off_ground as heights_off_ground
 from .kinematics import Kinematics as Kinematics
 from .mujoco import BoundAction as BoundAction
 from .mujoco import Fall as Fall

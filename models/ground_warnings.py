@@ -52,7 +52,15 @@ def fastest(robot: Robot) -> float:
 def feet_off_ground(
     robot: Robot, terrain: Terrain, names: Iterable[str], position: Array, orientation: Array, angles: Array
 ) -> str:
-    """Return which of some feet are farther than ``OFF_GROUND`` from the ground, in words; empty if none is.
+    """Return what :func:`heights_off_ground` finds, in words; empty if nothing."""
+    off = heights_off_ground(robot, terrain, names, position, orientation, angles)
+    return ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
+
+
+def heights_off_ground(
+    robot: Robot, terrain: Terrain, names: Iterable[str], position: Array, orientation: Array, angles: Array
+) -> dict[str, float]:
+    """Return the heights above the ground [m] of those feet that are farther than ``OFF_GROUND`` from it.
 
     Args:
         robot: the robot.
@@ -65,8 +73,7 @@ def feet_off_ground(
     places = place_feet(robot, position, orientation, angles)
     above = places[:, 2] - terrain.standing(places[:, :2], robot.foot_radius)[:, 2]
     heights = dict(zip(robot.foot_names, above, strict=True))
-    off = {name: heights[name] for name in names if abs(heights[name]) > OFF_GROUND}
-    return ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
+    return {name: float(heights[name]) for name in names if abs(heights[name]) > OFF_GROUND}
 
 
 def _start(

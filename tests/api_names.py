@@ -56,6 +56,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "whole_steps": _CHECK,
     },
     "models": {
+        "heights_off_ground": "what warnings and pictures of keyframes take for a foot off the ground",
         "import_mujoco": "imports MuJoCo when it is needed",
         "recursions": "a module; its class Recursion is shown",
         "per_joint": "reads one number per joint, for plants",

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from piaffe.errors import ProblemError, ShapeError
 from piaffe.files import whole_file
-from piaffe.models import Kinematics, Robot, base, joints, mujoco_spec
+from piaffe.models import Robot, base, heights_off_ground, joints, mujoco_spec
 from piaffe.models.terrain import Terrain
 
 from . import gl
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-OFF = 0.02
-"""A standing foot that is farther from the ground has a mark [m]."""
 _GAP = 4  # [pixels] between pictures
 _MARK = (0.85, 0.15, 0.1, 0.9)  # of a foot that should be on the ground
 
@@ -118,15 +116,19 @@ def keyframes(problem: Problem, *, size: tuple[int, int] = (320, 240), azimuth: 
             f"problem ({problem.source}): has no poses to show - got model '{model.name}' first, expected a whole body "
             "with a floating base; describe it without pictures"
         )
+    terrain: Terrain = model.state.terrain
     shown: list[tuple[str, Array, list[str]]] = [("start", problem.initial, [])]
     for phase in compiled.phases:
         placed = compiled.path.interval_before(float(phase.times[-1]))
         if phase.ends_phase and placed.phase.target is not None and phase.mode.model is model:
             stance: Any = model.resolve(placed.phase.mode)
             x = model.state.pack({**model.state.unpack(problem.initial), **_own(model, compiled.path, placed)})
-            shown.append((placed.phase.name, x, off_the_ground(model, x, stance.feet)))
+            values = model.state.unpack(x)
+            pose = (values[quantity] for quantity in (base.position, base.orientation, joints.position))
+            off = heights_off_ground(robot, terrain, stance.feet, *pose)
+            shown.append((placed.phase.name, x, list(off)))
     return _side_by_side([
-        _captioned(picture(robot, x, terrain=model.state.terrain, marked=off, size=size, azimuth=azimuth), name, size)
+        _captioned(picture(robot, x, terrain=terrain, marked=off, size=size, azimuth=azimuth), name, size)
         for name, x, off in shown
     ])  # fmt: skip
 
@@ -135,15 +137,6 @@ def _own(model: Any, path: Any, placed: Any) -> dict[Any, Array]:
     """Return the targets of a keyframe that are a part of the model's state."""
     sample = path.sample(placed.end, placed)
     return {quantity: sample[quantity] for quantity in model.state.slices if quantity in sample}
-
-
-def off_the_ground(model: Any, x: Array, stance: Sequence[str]) -> list[str]:
-    """Return the feet of a stance that are more than 2 cm above or below the ground."""
-    robot, terrain = model.robot, model.state.terrain
-    values = model.state.unpack(x)
-    places = Kinematics(robot).world_feet(values[base.position], values[base.orientation], values[joints.position])
-    heights = places[:, 2] - terrain.height(places[:, 0], places[:, 1]) - robot.foot_radius
-    return [name for name, h in zip(robot.foot_names, heights, strict=True) if name in stance and abs(h) > OFF]
 
 
 def _qpos(robot: Robot, state: ArrayLike | str) -> Array:
