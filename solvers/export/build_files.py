@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from piaffe import __version__
 from piaffe.codegen import flag_groups
 
-_FOR_MAKE = {"{native}": "$(ARCH_FLAGS)", "{narrow}": "$(ARCH_FLAG)"}
+_GCC_ONLY = "-fexpensive-optimizations"
+"""A flag that gcc knows, and of which clang says that it ignores it."""
+_FOR_MAKE = {"{native}": "$(ARCH_FLAGS)", "{narrow}": "$(ARCH_FLAG)", _GCC_ONLY: "$(EXPENSIVE)"}
+_FOR_CMAKE = {_GCC_ONLY: f"$<$<C_COMPILER_ID:GNU>:{_GCC_ONLY}>"}
 _CONTRACTION = "-ffp-contract=fast"
 
 
@@ -25,8 +28,9 @@ def build_values(units: Mapping[str, Sequence[str]]) -> dict[str, str]:
         words = " ".join(_FOR_MAKE.get(flag, flag) for flag in flags if "vector-width" not in flag)
         rules.append(f"{' '.join(objects)}: OPTIMISE = {words}")
         plain = ";".join(
-            flag for flag in flags if flag not in (*_FOR_MAKE, _CONTRACTION) and "vector-width" not in flag
-        )
+            _FOR_CMAKE.get(flag, flag) for flag in flags
+            if flag not in ("{native}", "{narrow}", _CONTRACTION) and "vector-width" not in flag
+        )  # fmt: skip
         sources = "".join(f"\n  src/{path}" for path in own)
         sets.append(f'set(units{sources})\nset_source_files_properties(${{units}} PROPERTIES COMPILE_OPTIONS "'
                     f'{plain}")\nlist(APPEND NAME_UNITS ${{units}})')  # fmt: skip

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 from matplotlib.image import imread
+from matplotlib.text import Annotation
 
 from piaffe.cli.app import main
+from piaffe.viz import online_figure
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CASCADE, GO2, OTHER, NAMES = (
@@ -289,11 +291,20 @@ def test_bad_options_are_named(capsys: pytest.CaptureFixture[str], arguments: tu
 SEVERAL = "problem = {'first': problem, 'again': problem}\n"
 
 
-def test_a_file_may_have_several_motions(capsys: pytest.CaptureFixture[str], file: Path) -> None:
+def test_a_file_may_have_several_motions(
+    capsys: pytest.CaptureFixture[str], file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+    monkeypatch.setattr(online_figure, "save_figure", lambda figure, path: drawn.append(figure) or path)
     file.write_text(f"{file.read_text()}\n{SEVERAL}mpc = dict(start='again', preparations=1)\n")
-    code, out, err = run(capsys, file, "--seconds", "0.6", "--command", "vx=0.4 motion=first@0.02", "--json")
+    picture = file.parent / "motions.png"
+    words = ("--seconds", "0.6", "--command", "vx=0.4 motion=first@0.02", "--plot", picture, "--json")
+    code, out, err = run(capsys, file, *words)
     assert code == 0, err
     motions = json.loads(out)["episodes"][0]["motions"]
+    (figure,) = drawn
+    names = {text.get_text(): text.xy[0] for ax in figure.axes for text in ax.texts if isinstance(text, Annotation)}
+    assert names.items() >= {(name, time) for time, name in motions}
     assert [name for _, name in motions] == ["again", "first"]
     assert 0.02 < motions[1][0] < 0.6
     code, out, _ = run(capsys, file, *SHORT)

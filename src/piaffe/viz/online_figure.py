@@ -45,6 +45,7 @@ def plot_online(path: Path, episode: OnlineEpisode, *, title: str = "", result: 
         _loads(axes[1, 2], episode)
         _torques(axes[2], episode)
         _plans(axes[3], episode)
+        _motions(axes, episode)
         for ax in axes[-1]:
             ax.set_xlabel("time [s]")
         if len(episode.times):
@@ -55,10 +56,29 @@ def plot_online(path: Path, episode: OnlineEpisode, *, title: str = "", result: 
             x=0.012, ha="left", fontsize=11, color=BOUND if bad else INK,
         )  # fmt: skip
         figure.text(
-            0.995, 0.995, "dotted: command   ·   thin: mean   ·   dashed: limit", ha="right", va="top",
+            0.995, 0.995, "dotted: command   ·   thin: mean   ·   dashed: limit"
+            + "   ·   grey: waits for the next motion" * bool(episode.plans.requests), ha="right", va="top",
             fontsize=8, color=FAINT,
         )  # fmt: skip
         return save_figure(figure, path)
+
+
+def _motions(axes: NDArray[Any], episode: OnlineEpisode) -> None:
+    """Mark changes of the motion: grey from the request on, a line and the name of the motion where it begins."""
+    for ax in axes.flat:
+        if episode.plans.requests:
+            asked = np.array([bool(name) for name in episode.plans.requests])
+            ax.fill_between(
+                episode.plans.times, 0, 1, where=asked, step="post", transform=ax.get_xaxis_transform(),
+                color=FAINT, alpha=0.2, lw=0, zorder=0,
+            )  # fmt: skip
+        for time, _ in episode.motions[1:]:
+            ax.axvline(time, color=FAINT, lw=0.8, zorder=0.5)
+    for time, name in episode.motions if len(episode.motions) > 1 else ():
+        axes[1, 0].annotate(
+            name, (time, 0.02), xycoords=axes[1, 0].get_xaxis_transform(), xytext=(2, 0), textcoords="offset points",
+            fontsize=7, color=INK, bbox=_WHITE,
+        )  # fmt: skip
 
 
 def _base(axes: Sequence[Axes], episode: OnlineEpisode, settle: float) -> None:

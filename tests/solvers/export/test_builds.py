@@ -57,6 +57,13 @@ def test_reproducible_builds_compute_the_same_bits(trot: Trot) -> None:
 LIBM = "sin cos tan sincos asin acos atan atan2 sinh cosh tanh asinh acosh atanh exp expm1 log log1p pow hypot erf"
 
 
+@pytest.mark.skipif(find_spec("ziglang") is None, reason="needs ziglang")
+def test_clang_has_no_warnings_and_passes_the_check(trot: Trot) -> None:
+    zig = shlex.join([sys.executable, "-m", "ziglang"])
+    words = (f"CC={zig} cc -fno-sanitize=undefined -g0", f"AR={zig} ar", f"CFLAGS={WARNINGS}")
+    assert "passed" in checked(trot, "BUILD=clang", *words)
+
+
 @pytest.mark.skipif(QEMU is None or find_spec("ziglang") is None, reason="needs qemu-user and ziglang")
 def test_aarch64_computes_the_same_bits(trot: Trot) -> None:
     zig = shlex.join([sys.executable, "-m", "ziglang"])
