@@ -14,6 +14,7 @@ from typing import Any
 
 from piaffe.codegen import run_make, this_cpu
 from piaffe.errors import SolverError
+from piaffe.files import whole_file
 
 from .readme import MEASURED
 
@@ -145,9 +146,10 @@ def _write(folder: Path, measured: Measured) -> None:
     first = middle.index(begin)
     last = middle.index("\n## ", first) + 1
     text = middle[:first] + measured.section() + middle[last:]
-    readme.write_text(text, encoding="utf-8")
     told = json.loads(manifest.read_text(encoding="utf-8"))
     told["measured"] = measured.told()
     told["files"]["README.md"] = hashlib.sha256(text.encode()).hexdigest()
     told["check_bin"] = hashlib.sha256((folder / "check.bin").read_bytes()).hexdigest()
-    manifest.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    for path, content in ((readme, text), (manifest, json.dumps(told, indent=2) + "\n")):
+        with whole_file(path) as temporary:
+            temporary.write_text(content, encoding="utf-8")

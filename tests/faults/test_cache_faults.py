@@ -4,6 +4,7 @@ import ast
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -238,3 +239,46 @@ def test_a_user_without_a_home_has_a_temporary_folder(tmp_path: Path) -> None:
     ((kind, text),) = found["warnings"]
     assert (kind, "there is no home folder; set HOME" in text) == ("CacheWarning", True)
     assert list(tmp_path.glob("piaffe-cache-*")) == []  # it goes with the process
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from piaffe.codegen.trust import private_folder
+private_folder("of a test")
+print("ready", flush=True)
+sys.stdin.readline()
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_the_next_process_removes_the_temporary_folders_of_killed_ones(tmp_path: Path) -> None:
+    source = str(Path(piaffe.__file__).parent.parent)
+    environment = {**os.environ, "PYTHONPATH": source, "TMPDIR": str(tmp_path)}
+
+    def folders() -> set[Path]:
+        return set(tmp_path.glob("piaffe-cache-*"))
+
+    def started() -> tuple[subprocess.Popen[str], Path]:
+        before = folders()
+        process = subprocess.Popen(
+            [sys.executable, "-W", "ignore", "-c", KILLED], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            env=environment,
+        )  # fmt: skip
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        (own,) = folders() - before
+        os.utime(own, (0, 0))  # created long ago
+        return process, own
+
+    def killed(process: subprocess.Popen[str]) -> None:
+        process.communicate("now\n")
+        assert process.returncode == -signal.SIGKILL
+
+    (first, old), (second, kept) = started(), started()
+    killed(first)
+    assert folders() == {old, kept}
+    third, own = started()
+    assert folders() == {kept, own}
+    killed(second)
+    killed(third)

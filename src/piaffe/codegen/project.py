@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from piaffe.errors import SolverError
+from piaffe.errors import FileWriteError, SolverError
+from piaffe.files import whole_file
 
 from .build import LoadedLibrary
 from .symbols import defined_symbols
@@ -141,12 +142,13 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
             data = content.encode() if isinstance(content, str) else content
             if target.is_file() and target.read_bytes() == data:
                 continue
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(data)
-    except OSError as error:
+            with whole_file(target) as temporary:
+                temporary.write_bytes(data)
+    except (OSError, FileWriteError) as error:
+        cause = error.__cause__ if isinstance(error, FileWriteError) else error
         raise SolverError(
-            f"export: '{folder}' cannot be written - got {error.strerror or error}, expected a folder with space for "
-            "C sources; choose another one"
+            f"export: '{folder}' cannot be written - got {getattr(cause, 'strerror', None) or cause}, expected a "
+            "folder with space for C sources; choose another one"
         ) from error
 
 

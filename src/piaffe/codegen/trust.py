@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import atexit
+import fcntl
 import os
 import shutil
 import stat
 import tempfile
+import time
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -92,7 +94,10 @@ def make_private(folder: Path) -> None:
         folder.mkdir(mode=0o700, exist_ok=True)  # not parents=True, which creates parents with the umask alone
 
 
-_private: list[tuple[int, Path]] = []  # process, and its temporary folder
+_PREFIX = "piaffe-cache-"
+_HELD = "held"  # a file that is locked as long as a process uses the folder
+_CREATED = 60.0  # a folder is locked so many seconds after its creation [s]
+_private: list[tuple[int, Path, int]] = []  # process, its temporary folder, and the open file of its lock
 
 
 def private_folder(why: str) -> Path:
@@ -107,13 +112,15 @@ def private_folder(why: str) -> Path:
     if _private and _private[0][1].is_dir():
         return _private[0][1]
     try:
-        folder = Path(tempfile.mkdtemp(prefix="piaffe-cache-"))
+        _remove_left_over()
+        folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
+        held = _hold(folder)
     except OSError as error:
         raise NoFolderError(
             f"native backend: no folder for compiled libraries - got {why}, and no temporary folder ({error}), "
             "expected one of them; set PIAFFE_CACHE to a folder that you may write"
         ) from error
-    _private[:] = [(os.getpid(), folder)]
+    _private[:] = [(os.getpid(), folder, held)]
     atexit.register(_remove)
     warnings.warn(f"compiled libraries are kept only until this process ends: {why}", CacheWarning, stacklevel=2)
     return folder
@@ -124,8 +131,33 @@ def is_private(folder: Path) -> bool:
     return bool(_private) and _private[0][1] == folder
 
 
+def _hold(folder: Path) -> int:
+    """Lock a temporary folder until this process ends, in whatever way, and return the open file."""
+    file = os.open(folder / _HELD, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    with suppress(OSError):  # without locks on this file system nobody removes the folder, either
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    return file
+
+
+def _remove_left_over() -> None:
+    """Remove the temporary folders of this user whose processes were killed: nobody holds their locks."""
+    for folder in Path(tempfile.gettempdir()).glob(_PREFIX + "*"):
+        with suppress(OSError):
+            about = folder.lstat()
+            if about.st_uid != os.geteuid() or time.time() - about.st_mtime < _CREATED:
+                continue
+            file = os.open(folder / _HELD, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder)
+            finally:
+                os.close(file)
+
+
 def _remove() -> None:
     """Remove the temporary folder, in the process that created it."""
     if _private and _private[0][0] == os.getpid():
         with suppress(OSError):
-            shutil.rmtree(_private.pop()[1])
+            _, folder, held = _private.pop()
+            shutil.rmtree(folder)
+            os.close(held)
