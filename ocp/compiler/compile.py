@@ -39,11 +39,12 @@ from ..language import (
     parameter_names,
 )
 from .added import with_added
-from .checks import check_columns, check_guess, check_last, check_models, check_names, check_targets
+from .checks import check_columns, check_last, check_models, check_names, check_targets
 from .compiled import CompiledProblem
 from .compiled_phase import CompiledPhase
 from .finite import check_numbers
 from .guess import guess_controls, guess_states
+from .guess_checks import check_guess
 from .lowering import LEFT_OUT, lower_mode
 from .mode import LoweredMode
 from .numbers import Numbers

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError
 
-from ..compiler.checks import check_controls, require_derivatives
+from ..compiler.checks import require_derivatives
 from ..compiler.compile import Compilation
 from ..compiler.compiled import CompiledProblem
+from ..compiler.guess_checks import check_controls
 from ..compiler.mode import Row
 from ..compiler.transition import LoweredTransition
 from ..language import ORIGIN, Problem, model_of, relative

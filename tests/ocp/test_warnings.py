@@ -7,7 +7,7 @@ import pytest
 
 from piaffe import ocp
 from piaffe.ocp import rotation
-from piaffe.ocp.compiler.checks import Guess
+from piaffe.ocp.compiler.guess_checks import Guess
 
 
 def spin(s):
