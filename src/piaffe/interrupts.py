@@ -5,7 +5,9 @@ A handler notes the exception that the previous handler raises. Long work asks f
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -54,6 +56,20 @@ def interruptible() -> Iterator[None]:
         _State.guarded, _State.pending = False, None
         if signal.getsignal(signal.SIGINT) is heard:
             signal.signal(signal.SIGINT, previous)
+
+
+def exit_on_interrupt(code: int) -> None:
+    """Have an interrupt end the process with an exit code from now on; for the end of a command, whose work is done.
+
+    Without this, an interrupt while Python ends kills the process by the signal, or prints calls of Python.
+    """
+
+    def heard(number: int, frame: FrameType | None) -> None:
+        sys.stdout.flush()
+        os._exit(code)
+
+    if threading.current_thread() is threading.main_thread() and callable(signal.getsignal(signal.SIGINT)):
+        signal.signal(signal.SIGINT, heard)
 
 
 def check_interrupt() -> None:

@@ -234,6 +234,30 @@ def test_a_command_that_is_interrupted_exits_with_130(tmp_path: Path, capsys: py
     capsys.readouterr()
 
 
+ENDING = """
+import atexit, sys, time
+from piaffe.cli.app import main
+atexit.register(lambda: (print("ends", flush=True), time.sleep(30)))
+sys.argv = ["piaffe", "--version"]
+sys.exit(main())
+"""
+
+
+def test_an_interrupt_while_python_ends_exits_with_130() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", ENDING], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, "PYTHONPATH": str(Path(piaffe.__file__).parent.parent)},
+    )  # fmt: skip
+    assert process.stdout is not None
+    try:
+        lines = [process.stdout.readline(), process.stdout.readline()]
+        process.send_signal(signal.SIGINT)
+        rest, _ = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert (lines[1], process.returncode, rest) == ("ends\n", 130, "")
+
+
 @pytest.mark.parametrize(
     "after",
     [0.0, 0.3, 1.0]

@@ -10,7 +10,7 @@ import typer
 
 from piaffe import __version__
 from piaffe.errors import PiaffeError
-from piaffe.interrupts import interruptible
+from piaffe.interrupts import exit_on_interrupt, interruptible
 
 from .arguments import FAILED, INTERRUPTED, REFUSED
 from .cache import cache
@@ -37,7 +37,18 @@ app = typer.Typer(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command and return its exit code; an error of Piaffe is printed as one line on standard error."""
+    """Run a command and return its exit code; an error of Piaffe is printed as one line on standard error.
+
+    Args:
+        arguments: the words of the command; by default those of the process, which ends after the command.
+    """
+    code = _run(arguments)
+    if arguments is None:
+        exit_on_interrupt(INTERRUPTED)
+    return code
+
+
+def _run(arguments: list[str] | None) -> int:
     words = sys.argv[1:] if arguments is None else arguments
     show = "--traceback" in words or bool(os.environ.get("PIAFFE_TRACEBACK"))
     try:
