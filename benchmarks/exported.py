@@ -3,7 +3,7 @@
 Each example is exported and built with the compiler and flags of the libraries in Python. For each seed, ``piaffe mpc``
 runs an episode; then the same episode runs with the exported library. There planner and low level of Python get the
 same states, and each call of one is timed beside that of the other. Both are called from Python; times are of the
-thread.
+thread. An episode has the commands of the example's ``COMMANDS``, and lasts until 2 s after the last one.
 """
 
 from __future__ import annotations
@@ -23,11 +23,14 @@ from numpy.typing import NDArray
 
 from piaffe.cli.online import OnlineSetup
 from piaffe.cli.online_settings import OnlineSettings
+from piaffe.ocp import load_problems_file
+from piaffe.simulation import parse_commands
 from piaffe.solvers import export_controller
 
 Array = NDArray[np.float64]
 
-EXAMPLES = ("trot_mpc", "bound_mpc", "roll_then_pace")
+EXAMPLES = ("trot_mpc", "bound_mpc", "roll_then_pace", "trot_pace_roll")
+AFTER = 2.0  # [s]
 FOLDER = Path(__file__).parents[1] / "examples"
 
 
@@ -52,6 +55,11 @@ class SideBySide:
         """Begin anew."""
         self._mpc.reset()
         self._began = False
+
+    def command(self, **values: Any) -> None:
+        """Set commands of both."""
+        self._mpc.command(**values)
+        self.statuses.add(self._controller.command(**values))
 
     def plan(self, x: Array, t: float) -> Any:
         """Return the plan of Python; the export makes its own."""
@@ -92,13 +100,18 @@ def _module(path: Path) -> ModuleType:
 
 def compared(name: str, seeds: int, seconds: float, folder: Path) -> dict[str, Any]:
     """Export an example, and return how many of its episodes are equal, and medians of times [ms, µs]."""
-    setup = OnlineSetup.of_file(str(FOLDER / f"{name}.py"), OnlineSettings(seconds=seconds), quiet=True)
+    file = str(FOLDER / f"{name}.py")
+    problem, module = load_problems_file(file, quiet=True)
+    command = getattr(module, "COMMANDS", "")
+    last = max((each.time for each in parse_commands(command)), default=-np.inf)
+    settings = OnlineSettings(seconds=max(seconds, last + AFTER), command=command)
+    setup = OnlineSetup(problem, module.mpc, file=file, settings=settings, fall=getattr(module, "fall", None))
     setup.build()
     told: dict[str, Any] = {"seeds": seeds, "equal": 0, "ticks": 0, "faults": [], "statuses": []}
     plans: list[tuple[float, float]] = []
     ticks: list[tuple[float, float]] = []
     exported = export_controller(
-        setup.problem, folder, name=name, options={**setup.options, "latency": setup.latency}, low=setup.low_level
+        setup.declared, folder, name=name, options={**setup.options, "latency": setup.latency}, low=setup.low_level
     )
     subprocess.run(["make", "-s", "-C", str(folder), f"build/lib{name}.so"], check=True)
     controller = _module(folder / "python" / f"{name}.py").Controller()
@@ -109,6 +122,7 @@ def compared(name: str, seeds: int, seconds: float, folder: Path) -> dict[str, A
         same = np.array_equal(of_python.controls, episode.controls)
         told["equal"] += int(same)
         told["ticks"] += len(episode.controls)
+        told["motions"] = [motion for _, motion in of_python.motions]
         told["faults"].append(str(episode.fault or ""))
         told["statuses"] = sorted({*told["statuses"], *both.statuses})
         plans += both.plans
