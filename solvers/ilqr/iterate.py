@@ -88,6 +88,7 @@ class ProblemFunctions:
 
     def __init__(self, problem: CompiledProblem) -> None:
         self.problem = problem
+        self.ridges = [ridge(phase) for phase in problem.phases]
         self._vectorised: dict[int, Vectorised] = {}
 
     def call(self, function: Any, *arguments: Array) -> list[Array]:
@@ -203,7 +204,7 @@ class ProblemFunctions:
             end_xx=sum(
                 (J.T @ (c[:, None] * J) for J, c in zip(end_rows, end_curvatures, strict=True)), np.zeros((ndx, ndx))
             ),
-            P=self.reset_jacobian(i, iterate, value),
+            P=self.reset_jacobian(i, iterate, value), ridge=self.ridges[i],
         )  # fmt: skip
 
     def end_jacobians(self, i: int, iterate: Iterate, value: PhaseValues) -> list[Array]:
@@ -236,6 +237,12 @@ class ProblemFunctions:
             d_x = d_x - d_z @ solve_nodes(value.K_reset[None], r_x)
         jacobian: Array = d_x[0]
         return jacobian
+
+
+def ridge(phase: CompiledPhase) -> Array:
+    """Return what a regularisation of 1 adds to the diagonal of the Hessian: 1 / the natural sizes², (ndx + nu,)."""
+    sizes: Array = np.concatenate([phase.mode.state_sizes, phase.mode.control_sizes])
+    return sizes**-2.0
 
 
 def added_rows_in_use(phase: CompiledPhase) -> list[NDArray[np.bool_]]:
