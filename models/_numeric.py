@@ -89,8 +89,11 @@ class NumericWholeBody(LeggedModel):
         return self.state.np_normalise(self._functions["step"](state, control, z, dt, *p.values()).full().ravel())
 
     def gamma(self, dt: float) -> float:
-        """Return Baumgarte's γ for a time step [s], in 1/s: 2/dt, at most 200, unless the model was given one."""
-        return min(2 / dt, _LARGEST_GAMMA) if self._baumgarte is None else self._baumgarte
+        """Return Baumgarte's γ for a time step [s], in 1/s: 2/dt, at most 200, unless the model was given one.
+
+        The limit is that of a robot of usual size; others have it divided by their natural time.
+        """
+        return min(2 / dt, _LARGEST_GAMMA / self.sizes.time) if self._baumgarte is None else self._baumgarte
 
     def foot_positions(self, x: ArrayLike) -> Array:
         """Return the world positions of the feet's frames, (nf, 3) [m]."""
@@ -126,7 +129,7 @@ class NumericWholeBody(LeggedModel):
 
     @cached_property
     def _holding(self) -> Holding:
-        return Holding(self.tree, self.contacts)
+        return Holding(self.tree, self.contacts, self.sizes.length)
 
     def _solve_contact(
         self, x: ArrayLike, u: ArrayLike, feet: Contacts, dt: float, parameters: dict[str, Any]

@@ -19,7 +19,6 @@ from piaffe.ocp import ResetRows, When, caller, inequality, match_labels
 from . import natural
 
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
-_NATURAL_SPEED = 0.1  # [m/s]; times the mass it is the scale of impulses
 
 
 def friction_cone(mu: float = 0.6, *, impulses: bool = True, scale: float | None = None) -> Any:
@@ -236,10 +235,6 @@ def _pyramid_landing(s: Any) -> cs.SX:
     return cs.vec(cs.repmat(cs.SX(s.feet.landing).T, len(_PYRAMID), 1))
 
 
-def _natural_impulse(model: Any) -> float:
-    return float(model.robot.mass) * _NATURAL_SPEED
-
-
 def _pyramid_contact(s: Any) -> cs.SX:
     return cs.vec(cs.repmat(cs.SX(s.feet.contact).T, len(_PYRAMID), 1))
 
@@ -333,6 +328,6 @@ def _require_bound(where: str, what: str, lower: float | None, upper: float | No
 
 
 _IMPULSES = ResetRows(
-    function=_impulse_pyramid, mask=_pyramid_landing, unit="N s", scale=_natural_impulse, labels=_impulse_faces
+    function=_impulse_pyramid, mask=_pyramid_landing, unit="N s", scale=natural.impulse, labels=_impulse_faces
 )
 """The friction pyramid of impulses; one object, so that two constraints share their code."""

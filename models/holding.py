@@ -21,7 +21,7 @@ _RIDGE = 1e-10
 _SLOTS = ("gravity", "link_mass", "link_com")
 
 
-def holding_forces(maps: Array, contact: Array, wrench: Array) -> Array:
+def holding_forces(maps: Array, contact: Array, wrench: Array, length: float = 1.0) -> Array:
     """Return the smallest contact forces that give a wrench on the base, or come nearest to it, (N, 3 nf) [N].
 
     Per node, F minimises ``|G S F − w|``, and among the minimisers |F|, with the 0/1 flags S of the feet on the
@@ -31,8 +31,10 @@ def holding_forces(maps: Array, contact: Array, wrench: Array) -> Array:
         maps: G, maps forces to the wrench, (N, 6, 3 nf): first the force [N], then the moment [Nm].
         contact: 1 for feet on the ground, 0 for feet in the air, (N, nf).
         wrench: w, (N, 6).
+        length: moments count in newtons times this length [m].
     """
-    on = contact > 0
+    on, units = contact > 0, np.array([1.0, 1.0, 1.0, length, length, length])
+    maps, wrench = maps / units[:, None], wrench / units
     while True:
         acting = maps * np.repeat(on, 3, axis=1)[:, None, :]
         normal = acting @ acting.swapaxes(1, 2)
@@ -57,10 +59,11 @@ class Holding:
     Args:
         tree: the tree.
         contacts: the contact points of its feet.
+        length: see :func:`holding_forces`.
     """
 
-    def __init__(self, tree: Tree, contacts: tuple[Point, ...]) -> None:
-        self.tree, self.contacts = tree, contacts
+    def __init__(self, tree: Tree, contacts: tuple[Point, ...], length: float = 1.0) -> None:
+        self.tree, self.contacts, self.length = tree, contacts, length
 
     def torques(self, q: Array, contact: Array, p: Mapping[str, Array]) -> Array:
         """Return the torques at N nodes, (N, n) [Nm]; zero in flight of a base that floats.
@@ -82,7 +85,7 @@ class Holding:
             torques[standing] = load[np.cumsum(new) - 1]
             return torques
         transposed = jacobian.swapaxes(1, 2)
-        forces = holding_forces(transposed[:, :6], flags, load[:, :6])
+        forces = holding_forces(transposed[:, :6], flags, load[:, :6], self.length)
         joints = load[:, 6:] - (transposed[:, 6:] @ forces[:, :, None])[..., 0]
         torques[standing] = joints[np.cumsum(new) - 1]
         return torques

@@ -21,9 +21,11 @@ from piaffe.ocp import (
     ProblemWarning,
     Quantities,
     Quantity,
+    Sizes,
     Slot,
 )
 
+from . import natural
 from .borrowed import trajectory_warnings
 from .footing import Footing
 from .ground import SLOTS
@@ -110,6 +112,11 @@ class LeggedModel(ModelBase):
         )
         super().__init__(name, RobotState(state, robot, terrain), control, slots=fixed, cut_by_modes=cut_by_modes)
         self.robot = robot
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """The natural sizes of its lengths, times and masses: SI units for robots of one to sixty kilograms."""
+        return natural.sizes(self.robot)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}('{self.name}')"

@@ -1,8 +1,7 @@
-"""Natural sizes of a robot's forces, torques, speeds and lengths, by which rows of constraints are divided.
+"""Natural sizes of a robot's lengths, times, masses, forces, torques and speeds: the units in which a solve counts.
 
-Quadrupeds of a few to a hundred kilograms count in SI units: their sizes are within a factor of eight of those below.
-A robot that is a thousand times lighter or heavier has sizes of its own, so that tolerances and barriers mean for it
-what they mean for the others.
+Quadrupeds of one to sixty kilograms count in SI units. A robot that is much smaller or larger has sizes of its own,
+relative to those of Mini Cheetah. So tolerances, barriers and regularisation mean for it what they mean for the others.
 """
 
 from __future__ import annotations
@@ -11,36 +10,60 @@ from typing import Any
 
 import numpy as np
 
-_FORCE, _TORQUE, _SPEED, _LENGTH = 100.0, 20.0, 20.0, 0.25  # of a small quadruped: [N], [Nm], [rad/s], [m]
+from piaffe.ocp import Sizes
+
+_LENGTH, _MASS, _TORQUE, _SPEED = 0.209, 8.252, 17.0, 20.0  # of Mini Cheetah: [m], [kg], [Nm], [rad/s]
 _GRAVITY = 9.81  # [m/s²]
 _USUAL = 8.0
 
 
+def sizes(robot: Any) -> Sizes:
+    """Return the natural sizes of a robot: 1 in SI units if both its length and its mass are usual.
+
+    The length is the longest distance of two joints, relative to Mini Cheetah's; the mass likewise. The time is the
+    square root of the length over gravity, also relative. They are usual if they are within a factor of eight.
+    """
+    places = [place.translation for place in robot.model.jointPlacements]
+    length = max((float(np.linalg.norm(place)) for place in places), default=0.0) / _LENGTH
+    mass = float(robot.mass) / _MASS
+    if not (0 < length < np.inf and 0 < mass < np.inf) or (_is_usual(length) and _is_usual(mass)):
+        return Sizes()
+    gravity = float(np.linalg.norm(robot.model.gravity.linear)) / _GRAVITY
+    return Sizes(length=length, time=(length / (gravity or 1.0)) ** 0.5, mass=mass)
+
+
 def force(model: Any) -> float:
-    """Return the unit of contact forces [N], a hundredth of the weight; 1 for robots of the usual size."""
-    return _unit(float(model.robot.mass) * _GRAVITY / _FORCE)
+    """Return the unit of contact forces [N]."""
+    return float(model.sizes.of("N"))
 
 
-def torque(model: Any) -> float:
-    """Return the unit of joint torques [Nm], a twentieth of the largest; 1 for robots of the usual size."""
-    return _unit(_largest(model.robot.torque_limit) / _TORQUE)
-
-
-def speed(model: Any) -> float:
-    """Return the unit of joint speeds [rad/s], a twentieth of the largest; 1 for robots of the usual size."""
-    return _unit(_largest(model.robot.joint_speed_limit) / _SPEED)
+def impulse(model: Any) -> float:
+    """Return the unit of impulses [N s]: the mass times 0.1 m/s, or another speed for a robot that is not usual."""
+    return 0.1 * float(model.robot.mass) * float(model.sizes.of("m/s"))
 
 
 def length(model: Any) -> float:
-    """Return the unit of heights [m], four times the longest distance of joints; 1 for robots of the usual size."""
-    places = [place.translation for place in model.robot.model.jointPlacements]
-    return _unit(max((float(np.linalg.norm(place)) for place in places), default=_LENGTH) / _LENGTH)
+    """Return the unit of heights [m]."""
+    return float(model.sizes.of("m"))
 
 
-def _largest(limits: Any) -> float:
+def torque(model: Any) -> float:
+    """Return the unit of joint torques [Nm]: for a robot that is not usual its largest, relative to 17 Nm."""
+    return _of_limits(model, model.robot.torque_limit, _TORQUE, "Nm")
+
+
+def speed(model: Any) -> float:
+    """Return the unit of joint speeds [rad/s]: for a robot that is not usual its largest, relative to 20 rad/s."""
+    return _of_limits(model, model.robot.joint_speed_limit, _SPEED, "rad/s")
+
+
+def _of_limits(model: Any, limits: Any, usual: float, unit: str) -> float:
     finite = np.asarray(limits, dtype=float)[np.isfinite(limits)]
-    return float(np.max(finite, initial=0.0))
+    ratio = float(np.max(finite, initial=0.0)) / usual
+    if not ratio > 0:
+        return float(model.sizes.of(unit))
+    return 1.0 if model.sizes == Sizes() and _is_usual(ratio) else ratio
 
 
-def _unit(ratio: float) -> float:
-    return 1.0 if not 0 < ratio < np.inf or 1 / _USUAL < ratio < _USUAL else ratio
+def _is_usual(ratio: float) -> bool:
+    return 1 / _USUAL < ratio < _USUAL

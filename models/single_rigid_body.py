@@ -126,7 +126,7 @@ class SingleRigidBody(LeggedModel):
             maps[:, i, i::3] = 1.0
             maps[:, 3:, i::3] = np.cross(arms, np.eye(3)[i]).swapaxes(1, 2)
         weight = np.hstack([-p["mass"] * p["gravity"], np.zeros((len(nodes), 3))])
-        return {feet.force: holding_forces(maps, p["contact"], weight)}
+        return {feet.force: holding_forces(maps, p["contact"], weight, self.sizes.length)}
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the dynamics, the same for every contact set; see the class."""

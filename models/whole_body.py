@@ -75,7 +75,8 @@ class WholeBody(NumericWholeBody):
             that stand before and after are held; ``"landing"``: only the feet that land, as published.
         terrain: the ground, see :mod:`piaffe.models.terrain`; level at z = 0 by default. Where a foot stands, and on
             which plane, follows from the reference of the motion; see :class:`~piaffe.models.footing.Footing`.
-        friction_speed: speed v₀ over which dry friction of the joints changes its sign, q̇ / √(q̇² + v₀²) [rad/s].
+        friction_speed: speed v₀ over which dry friction of the joints changes its sign, q̇ / √(q̇² + v₀²) [rad/s]; None:
+            0.3 rad/s.
         name: name of the model; the robot's by default.
 
     Raises:
@@ -90,13 +91,15 @@ class WholeBody(NumericWholeBody):
         integrator: Integrator = "midpoint",
         contact_damping: float | None = None,
         impact: Impact = "contact",
-        friction_speed: float = FRICTION_SPEED,
+        friction_speed: float | None = None,
         terrain: Terrain | None = None,
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.WholeBody")
         chosen = checked_integrator(integrator, INTEGRATORS, f"whole body of '{robot.name}'")
-        gamma = _GAMMA if baumgarte is None else baumgarte
+        time = natural.sizes(robot).time
+        gamma = _GAMMA / time if baumgarte is None else baumgarte
+        friction_speed = FRICTION_SPEED / time if friction_speed is None else friction_speed
         check_numbers(robot, baumgarte, contact_damping, impact, friction_speed)
         require_motors(robot)
         tree, nf = Tree.from_pinocchio(robot.model, fixed=robot.base == "fixed"), len(robot.feet)

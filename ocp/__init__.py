@@ -71,6 +71,7 @@ from .language import ResetRows as ResetRows
 from .language import Sample as Sample
 from .language import Schedule as Schedule
 from .language import Segment as Segment
+from .language import Sizes as Sizes
 from .language import Slot as Slot
 from .language import SolutionLike as SolutionLike
 from .language import Source as Source

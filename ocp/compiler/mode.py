@@ -24,8 +24,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
 
 from ..language import Manifold, ModelBase, Parameter, Quantity
 from .layout import Layout
@@ -88,6 +91,16 @@ class LoweredMode:
     def state(self) -> Manifold:
         """The state space."""
         return self.model.state
+
+    @cached_property
+    def state_sizes(self) -> NDArray[np.float64]:
+        """The natural size of each component of a difference of two states, (ndx,)."""
+        return self.model.sizes.of_space(self.model.state)
+
+    @cached_property
+    def control_sizes(self) -> NDArray[np.float64]:
+        """The natural size of each control, (nu,)."""
+        return self.model.sizes.of_space(self.model.control)
 
     @property
     def residuals(self) -> tuple[Row, ...]:

@@ -72,6 +72,7 @@ from .reference_functions import require_entries as require_entries
 from .reference_functions import split_entries as split_entries
 from .schedule import Schedule as Schedule
 from .schedule import Segment as Segment
+from .sizes import Sizes as Sizes
 from .source import Source as Source
 from .source import caller as caller
 from .term import At as At

@@ -26,6 +26,7 @@ from .manifold import Manifold
 from .quantity import Bound, Quantity
 from .schedule import Schedule, Segment
 from .sending import sendable
+from .sizes import Sizes
 from .source import Source
 
 Array = NDArray[np.float64]
@@ -264,6 +265,11 @@ class ModelBase(ABC):
     def has_derivatives(self) -> bool:
         """Whether its dynamics is a differentiable expression; False if it is a simulator."""
         return True
+
+    @property
+    def sizes(self) -> Sizes:
+        """The natural sizes of its lengths, times and masses, to which a solver's numbers are relative; SI units."""
+        return Sizes()
 
     def implicit_size(self, key: str) -> int:
         """Return the size nz of z in a mode."""

@@ -41,14 +41,16 @@ def _growth(functions: ProblemFunctions, iterate: Iterate, outer: Outer) -> str:
     models = [functions.lq(i, iterate, values[i], defects[i], outer.duals[i], outer.weight) for i in range(len(phases))]
     if not all(model.is_finite for model in models):
         return ""
-    scale = max(_size(part) for model in models for part in (model.l_xx, model.end_xx))
+    units = [np.outer(phase.mode.state_sizes, phase.mode.state_sizes) for phase in phases]
+    scale = max(_size(part * u) for model, u in zip(models, units, strict=True) for part in (model.l_xx, model.end_xx))
     largest, steepest, found, V = scale, 0.0, "", None
-    for phase, model in zip(reversed(phases), reversed(models), strict=True):
+    for phase, model, unit in zip(reversed(phases), reversed(models), reversed(units), strict=True):
         trail = list(_backward(model, V))
-        before, (node, V) = max(_size(trail[0][1]), scale), trail[-1]
-        largest = max(largest, _size(V))
-        if _size(V) > steepest * before:
-            steepest, found = _size(V) / before, _sentence(phase, before, node, V)
+        before, (node, V) = max(_size(trail[0][1] * unit), scale), trail[-1]
+        grown = V * unit
+        largest = max(largest, _size(grown))
+        if _size(grown) > steepest * before:
+            steepest, found = _size(grown) / before, _sentence(phase, before, node, grown)
         if node > 0:
             break
     return found if largest > _LARGEST * scale else ""

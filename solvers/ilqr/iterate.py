@@ -72,15 +72,28 @@ class PhaseDual:
 
 
 def solve_nodes(K: Array, r: Array) -> Array:
-    """Return K⁻¹ r node by node for r of shape (n, nz) or (n, nz, m); NaN if some K is singular."""
+    """Return K⁻¹ r node by node for r of shape (n, nz) or (n, nz, m); NaN if some K is singular.
+
+    Rows and columns of K are divided by powers of two near their largest entries. So the error does not depend on the
+    units of z and of the equations, which for a robot of centimetres are far from 1.
+    """
     if r.shape[1] == 0:
         return r
     columns = r[:, :, None] if r.ndim == 2 else r
+    by_row = _powers(np.max(np.abs(K), axis=2, keepdims=True))
+    K = K * by_row
+    by_column = _powers(np.max(np.abs(K), axis=1, keepdims=True))
     try:
-        solved: Array = np.asarray(np.linalg.solve(K, columns), dtype=float)
+        solved: Array = np.asarray(np.linalg.solve(K * by_column, columns * by_row), dtype=float)
     except np.linalg.LinAlgError:
         solved = np.full(columns.shape, np.nan)
-    return solved.reshape(r.shape)
+    return (solved * by_column.swapaxes(1, 2)).reshape(r.shape)
+
+
+def _powers(sizes: Array) -> Array:
+    """Return powers of two near 1 / sizes; 1 for sizes that are zero or not finite."""
+    usable = np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0)
+    return np.exp2(-np.round(np.log2(usable)))
 
 
 class ProblemFunctions:
@@ -88,6 +101,7 @@ class ProblemFunctions:
 
     def __init__(self, problem: CompiledProblem) -> None:
         self.problem = problem
+        self.ridges = [ridge(phase) for phase in problem.phases]
         self._vectorised: dict[int, Vectorised] = {}
 
     def call(self, function: Any, *arguments: Array) -> list[Array]:
@@ -203,7 +217,7 @@ class ProblemFunctions:
             end_xx=sum(
                 (J.T @ (c[:, None] * J) for J, c in zip(end_rows, end_curvatures, strict=True)), np.zeros((ndx, ndx))
             ),
-            P=self.reset_jacobian(i, iterate, value),
+            P=self.reset_jacobian(i, iterate, value), ridge=self.ridges[i],
         )  # fmt: skip
 
     def end_jacobians(self, i: int, iterate: Iterate, value: PhaseValues) -> list[Array]:
@@ -236,6 +250,12 @@ class ProblemFunctions:
             d_x = d_x - d_z @ solve_nodes(value.K_reset[None], r_x)
         jacobian: Array = d_x[0]
         return jacobian
+
+
+def ridge(phase: CompiledPhase) -> Array:
+    """Return what a regularisation of 1 adds to the diagonal of the Hessian: 1 / the natural sizes², (ndx + nu,)."""
+    sizes: Array = np.concatenate([phase.mode.state_sizes, phase.mode.control_sizes])
+    return sizes**-2.0
 
 
 def added_rows_in_use(phase: CompiledPhase) -> list[NDArray[np.bool_]]:

@@ -14,7 +14,7 @@ class Options:
 
     Args:
         max_iterations: iterations in all, barrier and multiplier updates included.
-        max_defect: largest defect accepted, ∞-norm in the tangent.
+        max_defect: largest defect accepted, ∞-norm in the tangent, in natural sizes of the model (see ``ocp.Sizes``).
         max_equality: largest equality violation accepted (SI units divided by the row's scale).
         max_inequality: largest inequality violation accepted (SI units divided by the row's scale).
         cost_tolerance: expected decrease, relative to the cost (see ``cost_floor``), below which an iterate is
@@ -37,13 +37,16 @@ class Options:
         corrections: largest number of second-order corrections of a trial step whose defects grow.
         step_shrink: ratio of successive trial steps.
         min_step: smallest trial step.
-        regularization: first Levenberg regularisation added to Q_xx and Q_uu.
+        regularization: first Levenberg regularisation added to Q_xx and Q_uu, for a state or control of size 1.
         max_regularization: largest regularisation; the solve stops beyond it.
         cost_scale: natural size of the cost; barrier weights, stiffness, penalties, ``merit_offset`` and regularisation
             are multiplied by it. None: the solver computes it from the problem, so that nothing depends on the unit of
             the cost; without ``adapt``, 1.
         cost_floor: changes of the cost are relative to |cost| plus |cost| limited to the interval from this to
             ``cost_scale``. None: a hundredth of ``cost_scale``; without ``adapt``, 1.
+        time_scale: natural time [s]. Barrier weights, stiffness and penalties of running terms are divided by it,
+            because these terms are integrals over time. None: that of the problem's first model, which is 1 s for
+            most; without ``adapt``, 1.
         time_limit_s: time after which the solve stops with its last accepted iterate [s]; it is asked before every
             trial step. None for no limit.
         adapt: whether the solve changes barrier, multipliers and penalties. Without, they stay as they are at its
@@ -77,6 +80,7 @@ class Options:
     max_regularization: float = 1e6
     cost_scale: float | None = None
     cost_floor: float | None = None
+    time_scale: float | None = None
     time_limit_s: float | None = None
     adapt: bool = True
 
@@ -104,24 +108,25 @@ class Options:
             return 0.0 if name == "time_limit_s" else 1.0
         return value  # type: ignore[no-any-return]  # a number in every field but the one of time
 
-    def absolute(self, scale: float) -> Options:
-        """Return these options for costs in the problem's unit.
+    def absolute(self, scale: float, time: float = 1.0) -> Options:
+        """Return these options for costs in the problem's unit, and running costs in this unit by seconds.
 
         Args:
             scale: natural size of the cost.
+            time: natural time [s].
         """
         scaled = {name: getattr(self, name) * scale for name in _RELATIVE}
+        scaled |= {name: getattr(self, name) * scale / time for name in _RATES}
         floor = _FLOOR * scale if self.cost_floor is None else self.cost_floor
-        return replace(self, **scaled, cost_scale=scale, cost_floor=floor)
+        return replace(self, **scaled, cost_scale=scale, cost_floor=floor, time_scale=time)
 
 
 _FLOOR = 0.01
 """Changes of a cost below this share of the scale are relative to this share, not to the cost."""
-_RELATIVE = (
-    "barrier_weight", "min_barrier_weight", "stiffness", "max_stiffness", "penalty", "max_penalty", "merit_offset",
-    "regularization", "max_regularization",
-)  # fmt: skip
+_RELATIVE = ("merit_offset", "regularization", "max_regularization")
 """The options that are multiplied by the scale of the cost."""
+_RATES = ("barrier_weight", "min_barrier_weight", "stiffness", "max_stiffness", "penalty", "max_penalty")
+"""The options that are multiplied by the scale of the cost and divided by the natural time."""
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ class Outer:
     def __init__(self, problem: CompiledProblem, options: Options) -> None:
         self.problem, self.o = problem, options
         self.weight = options.barrier_weight
+        self.time = options.number("time_scale")
         self.scale, self.smallest = options.number("cost_scale"), options.number("cost_floor")
         self.duals = [self._first(i) for i in range(len(problem.phases))]
         self.has_inequalities = any(p.g_mask.any() or p.end_g_mask.any() for p in problem.phases)
@@ -43,7 +44,8 @@ class Outer:
             end_relaxation=np.full(phase.end_g_mask.shape, o.relaxation),
             shift=np.zeros(phase.g_mask.shape), end_shift=np.zeros(phase.end_g_mask.shape),
             multiplier=np.zeros(phase.h_mask.shape), penalty=np.full(phase.h_mask.shape, o.penalty),
-            end_multiplier=np.zeros(phase.end_h_mask.shape), end_penalty=np.full(phase.end_h_mask.shape, o.penalty),
+            end_multiplier=np.zeros(phase.end_h_mask.shape),
+            end_penalty=np.full(phase.end_h_mask.shape, o.penalty * self.time),
         )  # fmt: skip
 
     def resume(self, start: WarmStart) -> None:
@@ -214,4 +216,4 @@ class Outer:
             d.multiplier = d.multiplier + masked(p.h_mask, d.penalty * v.h)
             d.end_multiplier = d.end_multiplier + masked(p.end_h_mask, d.end_penalty * v.end_h)
             d.penalty = np.minimum(d.penalty * factor, self.o.max_penalty)
-            d.end_penalty = np.minimum(d.end_penalty * factor, self.o.max_penalty)
+            d.end_penalty = np.minimum(d.end_penalty * factor, self.o.max_penalty * self.time)

@@ -24,6 +24,7 @@ class LqPhase:
         l_x: (N, ndx). l_u: (N, nu). l_xx: (N, ndx, ndx). l_ux: (N, nu, ndx). l_uu: (N, nu, nu).
         end_x: gradient at the last node (ndx,). end_xx: Hessian (ndx, ndx).
         P: Jacobian of the reset map to the next phase (ndx of the next, ndx); None at the horizon's end.
+        ridge: what a regularisation of 1 adds to the diagonal of the Hessian, (ndx + nu,); None for ones.
     """
 
     A: Array
@@ -37,6 +38,7 @@ class LqPhase:
     end_x: Array
     end_xx: Array
     P: Array | None
+    ridge: Array | None = None
 
     @property
     def is_finite(self) -> bool:
@@ -81,7 +83,8 @@ def backward(phases: list[LqPhase], regularization: float) -> list[Sweep] | None
         if phase.P is not None and gradient is not None and hessian is not None:
             V_x[n] = V_x[n] + phase.P.T @ gradient
             V_xx[n] = V_xx[n] + phase.P.T @ hessian @ phase.P
-        ridge_x, ridge_u = regularization * np.eye(ndx), regularization * np.eye(nu)
+        ridge = regularization * (np.ones(ndx + nu) if phase.ridge is None else phase.ridge)
+        ridge_x, ridge_u = np.diag(ridge[:ndx]), np.diag(ridge[ndx:])
         for i in range(n - 1, -1, -1):
             A, B, H = phase.A[i], phase.B[i], V_xx[i + 1]
             g = V_x[i + 1] + H @ phase.d[i + 1]

@@ -23,22 +23,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """An iterate with its values, defects and declared cost."""
+    """An iterate with its values, defects, declared cost, and the natural sizes of the states of every phase."""
 
     iterate: Iterate
     values: list[PhaseValues]
     defects: list[Array]
     cost: float
+    sizes: list[Array]
 
     @property
     def gap(self) -> float:
-        """Sum of the absolute values of all defects, which the merit weights by ρ."""
-        return float(sum(np.sum(np.abs(d)) for d in self.defects))
+        """Sum of the absolute values of all defects in natural sizes, which the merit weights by ρ."""
+        return float(sum(np.sum(np.abs(d) / size) for d, size in zip(self.defects, self.sizes, strict=True)))
 
     @property
     def max_defect(self) -> float:
-        """Largest defect, ∞-norm in the tangent."""
-        return float(max(np.max(np.abs(d), initial=0.0) for d in self.defects))
+        """Largest defect, ∞-norm in the tangent, in natural sizes."""
+        parts = zip(self.defects, self.sizes, strict=True)
+        return float(max(np.max(np.abs(d) / size, initial=0.0) for d, size in parts))
 
 
 class Run:
@@ -113,7 +115,8 @@ class Run:
         """Return an iterate's values, defects and declared cost."""
         values = self.functions.all_values(iterate)
         cost = sum(running_cost(p, v) for p, v in zip(self.problem.phases, values, strict=True))
-        return Evaluated(iterate, values, self.functions.defects(iterate, values), float(cost))
+        sizes = [phase.mode.state_sizes for phase in self.problem.phases]
+        return Evaluated(iterate, values, self.functions.defects(iterate, values), float(cost), sizes)
 
     def augmented(self, at: Evaluated) -> float:
         """Return cost plus barrier plus augmented Lagrangian."""

@@ -22,6 +22,11 @@ _LEAST, _LARGEST = 1e-6, 10.0
 because a quadratic model far from its guess predicts costs that nothing has."""
 
 
+def natural_time(problem: CompiledProblem) -> float:
+    """Return the natural time of a problem's first model [s]."""
+    return problem.phases[0].mode.model.sizes.time
+
+
 def cost_scale(functions: ProblemFunctions) -> float:
     """Return the natural size of a problem's cost, proportional to the weights; 1 if no term has a weight.
 
@@ -33,6 +38,7 @@ def cost_scale(functions: ProblemFunctions) -> float:
         functions: the problem's functions.
     """
     problem, unit = functions.problem, unit_cost(functions.problem)
+    time = natural_time(problem)
     if unit <= 0:
         return 1.0
     at = Iterate([p.guess_states for p in problem.phases], [p.guess_controls for p in problem.phases])
@@ -40,7 +46,8 @@ def cost_scale(functions: ProblemFunctions) -> float:
     defects = functions.defects(at, values)
 
     def models(penalty: float) -> list[LqPhase]:
-        duals, weight = [_penalties(value, penalty) for value in values], penalty * constants.SCALE_RELAXATION**2
+        weight = penalty / time * constants.SCALE_RELAXATION**2
+        duals = [_penalties(value, penalty, time) for value in values]
         return [functions.lq(i, at, values[i], defects[i], duals[i], weight) for i in range(len(duals))]
 
     cost, predicted = sum(running_cost(p, v) for p, v in zip(problem.phases, values, strict=True)), np.nan
@@ -63,18 +70,25 @@ def scaled(options: Options, problem: CompiledProblem, scale: Callable[[], float
         problem: the problem.
         scale: called for the scale of the problem, if the options have none.
     """
+    time = natural_time(problem) if options.time_scale is None else options.time_scale
     if options.cost_scale is not None:
-        return options.absolute(options.cost_scale)
+        return options.absolute(options.cost_scale, time)
     if not options.adapt:
         return options
-    absolute = options.absolute(scale())
-    duration = sum(phase.dt * phase.num_stages for phase in problem.phases)
+    absolute = options.absolute(scale(), time)
+    duration = sum(phase.dt * phase.num_stages for phase in problem.phases) / time
     return replace(absolute, barrier_weight=absolute.barrier_weight * min(1.0, _USUAL_S / duration))
 
 
 def unit_cost(problem: CompiledProblem) -> float:
-    """Return the cost of residuals that are all 1."""
-    return float(sum(0.5 * (p.dt * np.sum(p.weight) + np.sum(p.end_weight)) for p in problem.phases))
+    """Return the cost of residuals that all have their natural size, which is 1 in SI units for most models."""
+    total = 0.0
+    for p in problem.phases:
+        size = p.mode.model.sizes.of
+        stage = np.array([size(row.unit) for row in p.mode.rows["stage_residual"]]) ** 2
+        end = np.array([size(row.unit) for row in p.end_rows("residual")]) ** 2
+        total += 0.5 * (p.dt * np.sum(p.weight * stage) + np.sum(p.end_weight * end))
+    return float(total)
 
 
 def scale_of(predicted: float, unit: float) -> float:
@@ -90,11 +104,11 @@ def scale_of(predicted: float, unit: float) -> float:
     return min(max(share, _LEAST), _LARGEST) * unit
 
 
-def _penalties(value: PhaseValues, penalty: float) -> PhaseDual:
+def _penalties(value: PhaseValues, penalty: float, time: float) -> PhaseDual:
     g, end_g, h, end_h = value.g, value.end_g, value.h, value.end_h
     delta = constants.SCALE_RELAXATION
     return PhaseDual(
         relaxation=np.full_like(g, delta), end_relaxation=np.full_like(end_g, delta), shift=np.zeros_like(g),
-        end_shift=np.zeros_like(end_g), multiplier=np.zeros_like(h), penalty=np.full_like(h, penalty),
+        end_shift=np.zeros_like(end_g), multiplier=np.zeros_like(h), penalty=np.full_like(h, penalty / time),
         end_multiplier=np.zeros_like(end_h), end_penalty=np.full_like(end_h, penalty),
     )  # fmt: skip

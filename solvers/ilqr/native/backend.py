@@ -21,7 +21,7 @@ from ..iterate import Iterate
 from ..options import Options
 from ..outer import Outer
 from ..run import Run
-from ..scale import scale_of, unit_cost
+from ..scale import natural_time, scale_of, unit_cost
 from ..warm_start import WarmStart
 from . import structs as s
 from .library import library_for
@@ -108,7 +108,8 @@ def native_scale(memory: SolverMemory) -> float:
         return 1.0
     for i, phase in enumerate(memory.problem.phases):
         memory.trial(i, "x")[:], memory.trial(i, "u")[:] = phase.guess_states.ravel(), phase.guess_controls.ravel()
-    return scale_of(float(memory.library.piaffe_predicted(ct.byref(memory.c), unit)), unit)
+    time = natural_time(memory.problem)
+    return scale_of(float(memory.library.piaffe_predicted(ct.byref(memory.c), unit, time)), unit)
 
 
 def run_native(

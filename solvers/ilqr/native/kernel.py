@@ -11,7 +11,7 @@ from piaffe.ocp import LoweredMode, LoweredTransition
 
 from .elimination import Elimination, eliminate
 from .nonzeros import Nonzeros
-from .tables import defines, dynamics_rows, finish_entries, table
+from .tables import defines, dynamics_rows, finish_entries, natural_sizes, table
 
 MODE_FUNCTIONS = ("implicit", "stage", "stage_d", "split_d", "terminal", "terminal_d")
 TRANSITION_FUNCTIONS = ("implicit", "reset", "reset_d", "rows", "rows_d")
@@ -108,6 +108,7 @@ def mode_kernel(number: int, mode: LoweredMode) -> Kernel:
     lines += dynamics_rows(cs.sparsify(d_w).sparsity(), cs.sparsify(d_z).sparsity())
     lines.append(table("part_size", [b.ndx for b in state.blocks]))
     lines.append(table("part_is_rotation", [int(b.quantity.kind == "rotation") for b in state.blocks]))
+    lines += natural_sizes(mode.state_sizes, mode.control_sizes)
     return Kernel(functions, "\n".join([*lines, '#include "mode.inc"', ""]))
 
 

@@ -87,7 +87,7 @@ class SolverMemory:
         self.library = library.loaded
         self.library.piaffe_solve.restype = ct.c_int
         self.library.piaffe_merit.restype = self.library.piaffe_predicted.restype = ct.c_double
-        self.library.piaffe_predicted.argtypes = (ct.c_void_p, ct.c_double)
+        self.library.piaffe_predicted.argtypes = (ct.c_void_p, ct.c_double, ct.c_double)
         self._kept: list[Any] = []
         self._memory = AlignedMemory()
         self.arrays: list[dict[str, Array]] = []

@@ -59,6 +59,7 @@ def source_parts(modes: tuple[LoweredMode, ...], transitions: tuple[LoweredTrans
         spaces = [(block.ndx, block.quantity.kind) for block in mode.state.blocks]
         rows = [(name, len(rows)) for name, rows in mode.rows.items()]
         sizes = repr((spaces, mode.nu, mode.nz, mode.layout.size, rows, mode.model.definite_size(mode.key)))
+        sizes += repr((mode.state_sizes.tolist(), mode.control_sizes.tolist()))
         parts += ["mode", sizes, *_serialized(mode.functions, MODE_FUNCTIONS)]
     for transition in transitions:
         source, target = transition.source, transition.target

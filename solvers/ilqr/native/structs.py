@@ -14,7 +14,7 @@ _NUMBERS = [
     "max_defect", "max_equality", "max_inequality", "cost_tolerance", "barrier_weight", "barrier_factor", "barrier_gap",
     "min_barrier_weight", "relaxation", "stiffness", "max_stiffness", "penalty", "penalty_factor", "max_penalty",
     "armijo", "merit_margin", "merit_offset", "step_shrink", "min_step", "regularization", "max_regularization",
-    "cost_scale", "cost_floor", "time_limit_s",
+    "cost_scale", "cost_floor", "time_scale", "time_limit_s",
 ]  # fmt: skip
 _COUNTS = ["max_iterations", "max_inner", "corrections", "adapt"]
 OPTIONS = _NUMBERS + _COUNTS

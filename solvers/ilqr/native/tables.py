@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import casadi as cs
+import numpy as np
+from numpy.typing import NDArray
 
 TABLE = "static const int __attribute__((unused))"  # a mode without implicit variables does not use all of them
 WIDTHS = (2, 4, 8)
@@ -45,6 +47,18 @@ def dynamics_rows(d_w: cs.Sparsity, d_z: cs.Sparsity) -> list[str]:
     lines = [*defines(NUM_DENSE=len(dense), NUM_SPARSE=len(entries)), table("dense_row", dense)]
     lines += [*lists("sparse", by_column), table("sparse_col", [c for _, c in entries])]
     return lines + diagonals("shift", entries, num_cols)
+
+
+def natural_sizes(states: NDArray[np.float64], controls: NDArray[np.float64]) -> list[str]:
+    """Return the tables of natural sizes of the states, and of 1 / sizes² of states and controls; none if all are 1."""
+    sizes = np.concatenate([states, controls])
+    if np.all(sizes == 1.0):
+        return []
+    tables = {"state_size": states, "ridge": sizes**-2.0}
+    return [
+        "#define SIZED",
+        *(f"static const double {name}[] = {{{', '.join(map(repr, t.tolist()))}}};" for name, t in tables.items()),
+    ]
 
 
 def finish_entries(finish: cs.Sparsity) -> list[str]:

@@ -30,6 +30,7 @@ typedef struct {
     int nx, ndx, nu, nz, nf, num_finish, num_work, np, nr, ng, nh, mr, mg, mh;
     int num_parts;                          /* parts of the state: */
     const int *part_size, *part_is_rotation; /* size in the tangent; 1 for a quaternion */
+    const double *state_sizes;              /* natural sizes of the state's tangent; NULL: all are 1 */
     void (*values)(const Block *b, const double *const *x, const double *const *u, double *const *x_next);
     void (*lq)(const Block *b, const double *const *x, const double *const *u, const double *const *xn,
                const double *slope, const double *curvature, double *const *D, double *const *finish,
@@ -81,7 +82,7 @@ typedef struct Phase {
 typedef struct {
     double max_defect, max_equality, max_inequality, cost_tolerance, barrier_weight, barrier_factor, barrier_gap,
         min_barrier_weight, relaxation, stiffness, max_stiffness, penalty, penalty_factor, max_penalty, armijo, merit_margin,
-        merit_offset, step_shrink, min_step, regularization, max_regularization, cost_scale, cost_floor, time_limit_s;
+        merit_offset, step_shrink, min_step, regularization, max_regularization, cost_scale, cost_floor, time_scale, time_limit_s;
     int max_iterations, max_inner, corrections;
     int adapt;                              /* whether a solve changes barrier, multipliers and penalties */
 } Options;
@@ -139,5 +140,5 @@ int piaffe_policy(Problem *problem);
 void piaffe_adapt(Problem *problem, int status, double largest_defect);
 double piaffe_merit(Problem *problem);
 /* Before the call the caller writes the guess to xt and ut; the call overwrites relaxations, shifts, multipliers and penalties. */
-double piaffe_predicted(Problem *problem, double unit);
+double piaffe_predicted(Problem *problem, double unit, double time);
 #endif

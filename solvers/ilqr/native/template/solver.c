@@ -168,8 +168,9 @@ void piaffe_adapt(Problem *pr, int status, double largest_defect)
 }
 
 /* The declared cost that the quadratic model at the guess, which the caller has written into the trial arrays, predicts after one
- * full step; NaN if there is none. Equalities and violated inequalities have penalties relative to `unit`; scale.py. */
-double piaffe_predicted(Problem *pr, double unit)
+ * full step; NaN if there is none. Equalities and violated inequalities have penalties relative to `unit`, at stages by the natural
+ * time; scale.py. */
+double piaffe_predicted(Problem *pr, double unit, double time)
 {
     const double penalty = SCALE_PENALTY * unit;
     double dV[2];
@@ -177,10 +178,10 @@ double piaffe_predicted(Problem *pr, double unit)
     evaluate(pr);
     const Sums at = sums_of_trial(pr);
     accept(pr);
-    set_penalties(pr, penalty);
+    set_penalties(pr, penalty, time);
     linearise(pr);
     if (!backward(pr, SCALE_RIDGE * unit)) return NAN;
-    set_penalties(pr, 0.0);
+    set_penalties(pr, 0.0, time);
     linearise(pr);
     forward(pr, 0, dV);
     return at.cost + dV[0] + 0.5 * dV[1];
