@@ -42,7 +42,7 @@ class UnknownNameError(ModelError, KeyError):
         nearest = get_close_matches(name, self.known, n=1, cutoff=0.8)
         self.hint = f" (did you mean '{nearest[0]}'?)" if nearest else ""
         similar = f"did you mean {close}?" if close else "use one of the names that exist"
-        hint = f"did you mean '{nearest[0]}'?" if nearest and advice else advice or similar
+        hint = advice if advice and not nearest else similar
         super().__init__(f"{where}: no {what} '{name}' - got '{name}', expected one of {list(self.known)}; {hint}")
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:  # processes of a study send errors to each other
