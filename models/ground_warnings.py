@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 OFF_GROUND = 0.02
 """Largest distance of a standing foot from the ground without a warning [m]."""
+_ROUNDING = 1e-6  # [m]; a foot at the limit gives no warning
 LONG_FLIGHT = 1.0
 """Longest time without contact that gives no warning [s]; a robot falls 1.2 m in the second half of it."""
 FAST = 3.0
@@ -73,7 +74,7 @@ def heights_off_ground(
     places = place_feet(robot, position, orientation, angles)
     above = places[:, 2] - terrain.standing(places[:, :2], robot.foot_radius)[:, 2]
     heights = dict(zip(robot.foot_names, above, strict=True))
-    return {name: float(heights[name]) for name in names if abs(heights[name]) > OFF_GROUND}
+    return {name: float(heights[name]) for name in names if abs(heights[name]) > OFF_GROUND + _ROUNDING}
 
 
 def _start(

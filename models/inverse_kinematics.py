@@ -1,4 +1,4 @@
-"""Joint angles from the places of feet, for keyframes and states that are declared by where the feet are."""
+"""Joint angles from the places of feet, and back, for keyframes and states that are declared by where the feet are."""
 
 from __future__ import annotations
 
@@ -53,6 +53,17 @@ def inverse_kinematics(
     moved = sorted({joint for name in feet for joint in _joints_of(kinematics, robot.foot_names.index(name))})
     start[moved] = angles[moved]  # legs that are not named keep their angles to the last bit
     return start
+
+
+def forward_kinematics(robot: Robot, joints: object, position: ArrayLike | None, rpy: ArrayLike) -> dict[str, Array]:
+    """Return the places of the feet, name → (3,) [m], see :meth:`Robot.forward_kinematics`."""
+    where = f"robot '{robot.name}', forward kinematics"
+    at = np.zeros(3) if position is None else _three(position, f"{where}, position", "m")
+    orientation = rotation.np_from_rpy(_three(rpy, f"{where}, rpy", "rad"))
+    places: Array = Kinematics(robot).world_feet(at, orientation, robot.pose(joints))
+    if position is None and robot.base == "free" and robot.feet:
+        places[:, 2] += robot.foot_radius - places[:, 2].min()
+    return dict(zip(robot.foot_names, places, strict=True))
 
 
 def _joints_of(kinematics: Kinematics, foot: int) -> list[int]:

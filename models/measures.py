@@ -1,4 +1,4 @@
-"""Measures of a motion: rotation of the base, apex of the base, smallest height of the feet, impacts."""
+"""Measures of a motion: rotation and apex of the base, smallest height of the feet, joint speeds, impacts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import CompiledProblem, Trajectory, quantity_values, rotation
 
-from .quantities import base, feet
+from .quantities import base, feet, joints
 
 Array = NDArray[np.float64]
 
@@ -97,6 +97,40 @@ def series(trajectory: Trajectory, path: str) -> Array | None:
             if quantity.path == path:
                 parts.append(phase.states[:, where])
     return np.concatenate(parts) if parts else None
+
+
+@dataclass(frozen=True)
+class JointSpeed:
+    """The largest speed of a joint.
+
+    Args:
+        name: name of the joint.
+        speed: largest speed [rad/s], or [m/s] of a prismatic joint.
+        limit: of the robot, in the same unit.
+    """
+
+    name: str
+    speed: float
+    limit: float
+
+    @property
+    def ratio(self) -> float:
+        """The speed as a part of the limit."""
+        return self.speed / self.limit
+
+
+def fastest_joint(compiled: CompiledProblem, trajectory: Trajectory) -> JointSpeed | None:
+    """Return the joint that is fastest for its limit; None without a robot that has joints and limits."""
+    found: JointSpeed | None = None
+    for phase, part in zip(compiled.phases, trajectory.phases, strict=True):
+        robot, where = getattr(phase.mode.model, "robot", None), part.state.slices.get(joints.velocity)
+        if robot is None or where is None:
+            continue
+        speeds, limits = np.abs(part.states[:, where]).max(axis=0), robot.joint_speed_limit
+        for name, speed, limit in zip(robot.joint_names, speeds, limits, strict=True):
+            if np.isfinite(limit) and limit > 0 and (found is None or speed / limit > found.ratio):
+                found = JointSpeed(name, float(speed), float(limit))
+    return found
 
 
 def turns(trajectory: Trajectory) -> Array | None:

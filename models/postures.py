@@ -174,6 +174,11 @@ class RobotState(Manifold):
             feet: name → place of a foot in the world [m]; the joints of its leg are moved. It needs three numbers of
                 ``position``.
         """
+        if isinstance(position, str):
+            raise ModelError(
+                f"state of '{self.robot.name}', position: is unusable - got '{position}', expected two or three "
+                f"numbers [m]; a pose has a name of its own: state(joints='{position}')"
+            )
         values: dict[str, object] = {
             "rpy": rpy,
             "joints": joints,

@@ -215,7 +215,11 @@ class Robot:
         where = f"robot '{self.name}', joints"
         if isinstance(joints, str):
             if joints not in self.poses:
-                raise UnknownNameError(f"robot '{self.name}'", "pose", joints, self.poses)
+                raise UnknownNameError(
+                    f"robot '{self.name}'", "pose", joints, self.poses,
+                    f"add it: models.load(..., poses={{'{joints}': angles}}), or write the angles, as "
+                    f"{{'{_kind(self.joint_names[-1])}': {self.poses['stand'][-1]:g}}}",
+                )  # fmt: skip
             return np.array(self.poses[joints], dtype=float)
         if isinstance(joints, Mapping):
             angles = np.array(self.poses["stand"], dtype=float)
@@ -265,6 +269,26 @@ class Robot:
         from .inverse_kinematics import inverse_kinematics
 
         return inverse_kinematics(self, feet, position, rpy, joints)
+
+    def forward_kinematics(
+        self, joints: object = "stand", position: ArrayLike | None = None, rpy: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> dict[str, Array]:
+        """Return the places of the feet in the world, name → (x, y, z) [m], as ``feet=`` of a keyframe takes them.
+
+        ``ocp.Keyframe(position=..., feet=robot.forward_kinematics())`` moves the base of a robot that stands, and
+        leaves its feet where they are.
+
+        Args:
+            joints: a pose's name, n numbers, or a mapping of labels, see :meth:`pose` [rad].
+            position: of the base [m]; by default at x = y = 0, with the lowest foot on the ground at z = 0.
+            rpy: roll, pitch, yaw of the base [rad].
+
+        Raises:
+            ShapeError: position or rpy are not three finite numbers.
+        """
+        from .inverse_kinematics import forward_kinematics
+
+        return forward_kinematics(self, joints, position, rpy)
 
     def base_height(self, joints: object = "stand") -> float:
         """Return the height of a level base at which the lowest foot touches flat ground at z = 0 [m]."""
@@ -320,6 +344,11 @@ class Robot:
                 f"robot '{self.name}', {what}: wrong size - got {got}, expected {self.num_joints} "
                 f"({', '.join(self.joint_names)}); give one number per joint"
             )
+
+
+def _kind(joint: str) -> str:
+    """Return the name of a joint without that of its leg."""
+    return joint.partition("_")[2] or joint
 
 
 def _fixed(values: Any) -> Array:

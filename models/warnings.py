@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import Keyframes, Path, PlacedPhase, ProblemWarning, Sample, placed_phases
 
+from .ground_warnings import OFF_GROUND, feet_off_ground
 from .postures import SHORT_NAMES
 from .quantities import base, joints
 from .robot import Robot, to_pinocchio
 from .stance import Stance
-from .terrain import Terrain
+from .terrain import Flat, Terrain
 
 Array = NDArray[np.float64]
 
-OFF_GROUND = 0.02
-"""Largest distance of a standing foot from the ground in a keyframe without a warning [m]."""
 OFF_FLIGHT = 0.02
 """Largest distance of the centre of mass from a ballistic flight in a keyframe without a warning [m]."""
 
@@ -120,22 +119,19 @@ def _limits(robot: Robot, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
 
 def _feet(robot: Robot, terrain: Terrain, keyframe: PlacedKeyframe) -> Iterator[ProblemWarning]:
     """Yield feet that stand or land but are not on the ground."""
-    data = robot.model.createData()
-    pin.framesForwardKinematics(robot.model, data, _configuration(robot, keyframe.sample)[0])
     for names, what in ((keyframe.stance, "stance"), (keyframe.landing, "landing")):
-        frames = {name: robot.frame_id(robot.foot(name).frame) for name in names}
-        places = {name: np.array(data.oMf[i].translation) for name, i in frames.items()}
-        heights = {
-            name: float(place[2] - terrain.standing(place[None, :2], robot.foot_radius)[0, 2])
-            for name, place in places.items()
-        }
-        off = {name: height for name, height in heights.items() if abs(height) > OFF_GROUND}
-        if off:
-            got = ", ".join(f"{name} {abs(h):.3f} m {'above' if h > 0 else 'below'} it" for name, h in off.items())
+        pose = (base.position, base.orientation, joints.position) if names else ()
+        got = (
+            feet_off_ground(robot, terrain, names, *(np.asarray(keyframe.sample[each]) for each in pose))
+            if pose
+            else ""
+        )
+        if got:
+            ground = ", or give the model its ground, terrain=" if what == "landing" and terrain == Flat() else ""
             yield ProblemWarning(
                 keyframe.where,
                 f"{what} foot is not on the ground - got {got}, expected within {OFF_GROUND} m; change the position of "
-                "the base or the joint angles",
+                f"the base or the joint angles (feet= finds them){ground}",
                 keyframe.placed.phase.source,
             )
 

@@ -114,6 +114,11 @@ def test_readme_shows_the_example_that_runs() -> None:
     assert block == (CHECKOUT / "examples" / "barrel_roll.py").read_text()
 
 
+def test_first_maneuver_is_an_example() -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```$", (CHECKOUT / "docs" / "first_maneuver.md").read_text(), re.M | re.S)
+    assert blocks == [(CHECKOUT / "examples" / "sideways_hop.py").read_text()]
+
+
 def test_gallery_shows_every_example() -> None:
     examples = {page.name for page in (CHECKOUT / "examples").iterdir() if page.suffix in (".py", ".ipynb")}
     assert examples == set(re.findall(r"^## (\S+)$", (CHECKOUT / "examples" / "README.md").read_text(), re.MULTILINE))

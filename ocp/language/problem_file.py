@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 from piaffe.errors import PiaffeError, ProblemError, UnknownNameError
 
+from .calls import arguments_of_call
+
 if TYPE_CHECKING:
     from .problem import Problem
 
@@ -156,7 +158,8 @@ def file_error(path: Path, error: Exception) -> ProblemError:
     """Return an error that names the line of the file that failed."""
     line = _line_of(path, error)
     where = f"{path}:{line}" if line else str(path)
+    call = arguments_of_call(error)
     return ProblemError(
-        f"{where}: the file does not run - got {type(error).__name__}: {error}, expected a declaration; fix it (put "
-        "--traceback before the command to see all calls)"
+        f"{where}: the file does not run - got {type(error).__name__}: {error}, expected "
+        f"{call or 'a declaration'}; fix it (put --traceback before the command to see all calls)"
     )

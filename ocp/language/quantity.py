@@ -6,8 +6,10 @@ CasADi expressions of their own state and control (:class:`Bound`).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Literal
 
 import casadi as cs
@@ -15,6 +17,8 @@ import casadi as cs
 from piaffe.errors import UnknownNameError
 
 Kind = Literal["vector", "point", "direction", "rotation"]
+
+_ANGLES = {"roll": "x", "pitch": "y", "yaw": "z"}  # axes about which these angles turn a level base
 
 
 @dataclass(frozen=True)
@@ -112,5 +116,20 @@ def match_labels(labels: tuple[str, ...], key: str, where: str) -> list[int]:
         if label.startswith(key + separator) or label.endswith(separator + key)
     ]
     if not found:
-        raise UnknownNameError(where, "component", key, labels)
+        raise UnknownNameError(where, "component", key, labels, _advice(labels, key))
     return sorted(set(found))
+
+
+def _advice(labels: tuple[str, ...], key: str) -> str:
+    """Return what to write in place of a label that does not exist; empty if the labels alone say it."""
+    if key in _ANGLES and labels == tuple(_ANGLES.values()):
+        return f"the components are axes; for {key} write '{_ANGLES[key]}'"
+    parts = [label.partition(separator) for label in labels for separator in ("_", " ") if separator in label]
+    kinds = [kind for kind, count in Counter(tail for _, _, tail in parts).items() if count > 1]
+    legs = [leg for leg, count in Counter(head for head, _, _ in parts).items() if count > 1]
+    if not kinds:
+        return ""
+    close = " or ".join(map(repr, get_close_matches(key, kinds, n=2, cutoff=0.4)))
+    return (f"did you mean {close}? " if close else "") + (
+        f"one name may stand for several components: {', '.join(kinds)} in every leg, {', '.join(legs)} for a leg"
+    )

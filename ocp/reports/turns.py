@@ -39,11 +39,13 @@ def many_turns(compiled: CompiledProblem) -> Iterator[ProblemWarning]:
                 continue
             phase = placed.phase
             angle = ("roll", "pitch", "yaw")[axis]
+            own = phase.target is not None and {"rpy", quantity.path} & set(phase.target.values)
+            left_out = "" if own else ", on the way to the next keyframe that has one"
             yield ProblemWarning(
                 f"phase '{phase.name}' ({phase.source}), keyframe",
                 f"{angle} changes by many turns - got {change[axis]:.4g} rad, "
-                f"{abs(change[axis]) / 2 / pi:.1f} turns, in {phase.duration:g} s, expected at most {MOST_TURNS:g} "
-                f"turns; give radians ({change[axis]:.4g} degrees are {np.deg2rad(change[axis]):.4g} rad)",
+                f"{abs(change[axis]) / 2 / pi:.1f} turns, in {phase.duration:g} s{left_out}, expected at most "
+                f"{MOST_TURNS:g} turns; give radians ({change[axis]:.4g} degrees: {np.deg2rad(change[axis]):.4g} rad)",
                 phase.source,
             )
 

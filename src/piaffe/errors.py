@@ -29,21 +29,24 @@ class UnknownNameError(ModelError, KeyError):
         what: the kind of object with the name, e.g. ``"frame"``.
         name: the unknown name.
         known: the names that exist.
+        advice: what to do, if no name is very similar; by default, similar names.
     """
 
-    def __init__(self, where: str, what: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, where: str, what: str, name: str, known: Iterable[str], advice: str = "") -> None:
         self.where = where
         self.what = what
         self.name = name
         self.known = tuple(known)
+        self.advice = advice
         close = " or ".join(map(repr, get_close_matches(name, self.known, n=3, cutoff=0.4)))
         nearest = get_close_matches(name, self.known, n=1, cutoff=0.8)
         self.hint = f" (did you mean '{nearest[0]}'?)" if nearest else ""
-        advice = f"did you mean {close}?" if close else "use one of the names that exist"
-        super().__init__(f"{where}: no {what} '{name}' - got '{name}', expected one of {list(self.known)}; {advice}")
+        similar = f"did you mean {close}?" if close else "use one of the names that exist"
+        hint = advice if advice and not nearest else similar
+        super().__init__(f"{where}: no {what} '{name}' - got '{name}', expected one of {list(self.known)}; {hint}")
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:  # processes of a study send errors to each other
-        return type(self), (self.where, self.what, self.name, self.known)
+        return type(self), (self.where, self.what, self.name, self.known, self.advice)
 
     def __str__(self) -> str:  # KeyError would print the quoted repr
         return str(self.args[0])

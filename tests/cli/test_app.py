@@ -1,13 +1,16 @@
 """The commands: what they print, how they end, and what they say when they cannot do what is asked."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import piaffe.cli
 from piaffe import __version__
 from piaffe.cli.app import main
 from piaffe.solvers import Solution
@@ -44,6 +47,25 @@ def test_every_command_has_help(capsys: pytest.CaptureFixture[str], command: str
     code, out, _ = run(capsys, command, "--help")
     assert code == 0
     assert "Usage: piaffe" in out
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [("pose", "of the base [rad]"), ("video", "the vertical [degree]"), ("solve", "Time limit [s]")],
+)
+def test_help_shows_units(capsys: pytest.CaptureFixture[str], command: str, words: str) -> None:
+    _, out, _ = run(capsys, command, "--help")
+    assert words in " ".join(out.replace("│", " ").split())
+
+
+def test_no_help_loses_its_brackets() -> None:
+    lost = [
+        f"{file.name}: {line.strip()}"
+        for file in Path(piaffe.cli.__file__).parent.glob("*.py")
+        for line in file.read_text().splitlines()
+        if re.search(r'help="[^"]*(?<!\\)\[[a-z]', line)
+    ]
+    assert lost == []  # Rich reads [s] as a mark and removes it
 
 
 def test_it_runs_as_a_module() -> None:
@@ -110,6 +132,10 @@ def test_an_error_in_the_file_names_its_line(capsys: pytest.CaptureFixture[str],
         ("x = (", "the file does not run - got SyntaxError: '(' was never closed"),
         ("import sys; sys.exit(3)", "exits when imported - got sys.exit(3)"),
         ("import numppy", "broken.py:1: the file does not run - got ModuleNotFoundError: No module named 'numppy'"),
+        ("from piaffe import models\nmodels.terrain.Box(centre=(1, 0))", "the arguments place, size, height, yaw;"),
+        ("from piaffe import ocp\nocp.track('x', weights=1)", "expected the arguments quantity, weight, at, when, to,"),
+        ("from piaffe import ocp\nocp.Phase('push', 'on')", "until, reset, constraints, objective (duration: length"),
+        ("float(base=3)", "got TypeError: float() takes no keyword arguments, expected a declaration"),
     ],
 )  # fmt: skip
 def test_a_file_that_does_not_run_says_why(
@@ -261,7 +287,31 @@ def test_verify_ends_with_1_beyond_the_bounds(capsys: pytest.CaptureFixture[str]
     assert worst["amount"] == pytest.approx(0.1)
     code, out, _ = run(capsys, "verify", ball, f"{ball_file}:made")
     assert code == 1
-    assert "not within the bounds" in out
+    assert "not within the bounds: defect, 1e+03 times its bound; solve again with this file" in out
+
+
+def test_verify_notes_a_joint_that_is_too_fast(
+    capsys: pytest.CaptureFixture[str], hop_file: Path, hop: Path, tmp_path: Path
+) -> None:
+    solution = Solution.load(hop)
+    values = json.loads(run(capsys, "verify", hop, hop_file, "--json")[1])
+    speeds = np.abs(np.concatenate([phase.states[:, 25:] for phase in solution.trajectory.phases]))
+    assert values["fastest_joint"]["speed"] == pytest.approx(speeds.max())
+    assert values["fastest_joint"]["ratio"] < 1.01
+    assert "note:" not in run(capsys, "verify", hop, hop_file)[1]
+    slow = tmp_path / "slow.py"
+    lines = (
+        'cheetah = models.load("mini_cheetah")\n'
+        "cheetah = dataclasses.replace(cheetah, joint_speed_limit=cheetah.joint_speed_limit / 40)\n"
+        "body = models.WholeBody(cheetah)"
+    )
+    text = hop_file.read_text().replace('body = models.WholeBody(models.load("mini_cheetah"))', lines)
+    slow.write_text(f"import dataclasses\n{text}")
+    code, out, _ = run(capsys, "verify", hop, slow)
+    assert code == 0
+    assert re.search(
+        r"note: joint \S+ reaches [\d.]+, [\d.]+ times the robot's limit of [\d.]+; models.joint_speed", out
+    )
 
 
 def test_verify_reports_slip_height_and_flight(capsys: pytest.CaptureFixture[str], hop_file: Path, hop: Path) -> None:

@@ -1,6 +1,7 @@
 """Pictures of poses, and the calls in Python that the commands make."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -72,14 +73,17 @@ motion = ocp.Motion(
     ocp.Phase("up", stance("FL FR HL HR"), 0.1, high),
     ocp.Phase("rest", stance("FL FR HL HR"), 0.1),
     ocp.Phase("down", stance("FL FR HL HR"), 0.1, ocp.Keyframe(position=(0, 0, robot.base_height()))),
+    ocp.Phase("flight", stance(""), 0.1, high),
+    ocp.Phase("land", stance("FL FR HL HR"), 0.1),
 )
 objective = ocp.Objective(ocp.track(base.position, weight=1.0), ocp.regularize(joints.torque, weight=0.1))
 problem = ocp.Problem(motion, body.until_end(dt=0.02), objective, initial=body.state())
 keyframes = viz.keyframes(problem, size=(120, 90)).astype(int)
-assert keyframes.shape == (90, 3 * 120 + 2 * 4, 3)  # the start and the two keyframes
+assert keyframes.shape == (90, 4 * 120 + 3 * 4, 3)  # the start and the three keyframes
 red = (keyframes[..., 0] > 120) & (keyframes[..., 0] > 2 * keyframes[..., 1])
 assert red[:, 124:244].sum() > 10  # "up" is too high for its feet
-assert red[:, :120].sum() == red[:, 248:].sum() == 0
+assert red[:, 372:].sum() > 10  # so is "flight", at whose end feet land
+assert red[:, :120].sum() == red[:, 248:368].sum() == 0
 solution = solvers.MSiLQR(problem, solvers.Options(max_iterations=2)).solve()
 assert viz.strip(solution, 3, size=(80, 60)).shape == (60, 3 * 80 + 8, 3)
 assert viz.strip(solution, [0.05], size=(80, 60)).shape == (60, 80, 3)
@@ -104,7 +108,15 @@ def test_poses_and_keyframes_by_command(hop_file: Path, tmp_path: Path) -> None:
     done = command("pose", "go2", "-o", tmp_path / "go2.png", "--joints", "RL_calf_joint=-2.0", "--rpy", "0,0.1,0")
     if "OpenGL" in done.stderr:
         pytest.skip(done.stderr)
-    assert (done.returncode, done.stdout.strip()) == (0, f"saved {tmp_path / 'go2.png'}")
+    assert (done.returncode, done.stderr) == (0, "")
+    said = done.stdout.splitlines()
+    assert re.fullmatch(r"base 0\.3\d+ m above the ground", said[0])
+    assert [re.sub(r"at .*", "", line) for line in said[1:5]] == ["foot FL ", "foot FR ", "foot RL ", "foot RR "]
+    assert min(float(line.split(",")[2].split(")")[0]) for line in said[1:5]) == pytest.approx(0.022, abs=1e-4)
+    assert said[5:] == [f"saved {tmp_path / 'go2.png'}"]
+    done = command("pose", "go2", "-o", tmp_path / "go2.png", "--joints", "calf_joint=-3")
+    assert done.stderr.count("joint beyond its limit - got") == 4
+    assert "got FL_calf_joint at -3.000 rad, expected -2.723 to -0.838 rad" in done.stderr
     done = command("describe", hop_file, "--pictures", tmp_path / "hop.png")
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == f"saved {tmp_path / 'hop.png'}"

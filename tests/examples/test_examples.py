@@ -189,6 +189,17 @@ def test_the_flip_turns_once_backwards_and_keeps_its_knees_off_the_ground(load):
         assert min(values[:, 2].min() for values in heights) > 0.03 - 1e-3
 
 
+def test_sideways_hop_turns_by_a_quarter_and_lands_where_it_should(load):
+    problem = load("sideways_hop").problem
+    solution = solvers.MSiLQR(problem).solve().raise_if_failed()
+    checked(problem, solution)
+    assert measures.turns(solution.trajectory) == pytest.approx([0, 0, pi / 2], abs=0.1)
+    end = solution.trajectory.sample(solution.trajectory.duration)[models.base.position]
+    assert end[:2] == pytest.approx((0, 0.3), abs=0.05)
+    assert measures.apex(solution.trajectory) > load("sideways_hop").high + 0.1
+    assert execute(solution, problem, seeds=2).followed == 2
+
+
 @pytest.mark.parametrize(("file", "name"), [("barrel_roll", "problem"), ("gaits", "bound")])
 def test_the_policy_follows_the_plan_in_simulation(file, name, load):
     problem = getattr(load(file), name)

@@ -22,6 +22,7 @@ LIFTED = {"barrel_roll": 3, "backflip": 2}
         "own_terms",
         "own_model_mpc",
         "short_horizon",
+        "sideways_hop",
     ],
 )
 def test_an_example_has_no_warning_that_is_wrong(name):

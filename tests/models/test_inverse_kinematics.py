@@ -64,6 +64,32 @@ def test_keyframes_and_states_take_places_of_feet(name) -> None:
     assert np.allclose(target[models.joints.position], robot.inverse_kinematics(feet, position))
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_places_of_feet_agree_with_pinocchio_and_are_inverted(name) -> None:
+    robot = models.load(name)
+    position = AT + np.array([0, 0, 0.9 * robot.base_height()])
+    found = robot.forward_kinematics("crouch", position, TURNED)
+    assert list(found) == list(robot.foot_names)
+    for foot, place in places(robot, robot.pose("crouch"), position, TURNED).items():
+        np.testing.assert_allclose(found[foot], place, atol=1e-12)
+    again = robot.inverse_kinematics(found, position, TURNED, joints="crouch")
+    np.testing.assert_allclose(again, robot.pose("crouch"), atol=1e-6)
+
+
+def test_a_pose_without_a_place_stands_on_the_ground() -> None:
+    robot = models.load("mini_cheetah")
+    for rpy in ((0, 0, 0), (0.1, -0.4, 2.0)):
+        lowest = min(place[2] for place in robot.forward_kinematics("stand", rpy=rpy).values())
+        assert lowest == pytest.approx(robot.foot_radius, abs=1e-12)
+    standing = robot.forward_kinematics()
+    high = robot.base_height() + 0.04
+    joints = robot.inverse_kinematics(standing, (0, 0.03, high))
+    for foot, place in robot.forward_kinematics(joints, (0, 0.03, high)).items():
+        np.testing.assert_allclose(place, standing[foot], atol=1e-4)
+    with pytest.raises(ShapeError, match="forward kinematics, rpy: is unusable - got 3, expected three finite"):
+        robot.forward_kinematics(rpy=3)
+
+
 def test_what_cannot_be_reached_is_named() -> None:
     robot = models.load("mini_cheetah")
     with pytest.raises(ModelError, match=r"foot 'FR' is out of reach - got \[0\.2, -0\.1, -0\.6\] m, the nearest"):

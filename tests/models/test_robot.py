@@ -138,6 +138,9 @@ def test_pose_does_not_hand_out_the_robot_s_own_array(cheetah):
         (np.zeros(11), ShapeError, r"robot 'mini_cheetah', joints: wrong size - got 11 entries, expected 12 \(FL_HAA"),
         ({"FL": (1, 2)}, ShapeError, r"label 'FL': wrong size - got 2 entries, expected 1 or 3 \(FL_HAA, FL_HFE"),
         ({"FX": 1.0}, UnknownNameError, r"no component 'FX' - got 'FX', expected one of"),
+        ({"KF": 1.0}, UnknownNameError, r"did you mean 'KFE'.*HAA, HFE, KFE in every leg, FL, FR, HL, HR for a leg$"),
+        ("sit", UnknownNameError, r"add it: models.load\(..., poses={'sit': angles}\), or write .* {'KFE': 2}$"),
+        ("stanb", UnknownNameError, r"did you mean 'stand' or 'lean'\?$"),
         (object(), ModelError, r"joints: not joint angles - got .*, expected the name of a pose \(stand"),
     ],
 )

@@ -50,7 +50,8 @@ def test_a_stance_foot_off_the_ground():
     assert where == f"phase 'stand' ({FILE}:{phase.source.line}), keyframe"
     assert text == (
         "stance foot is not on the ground - got FL 0.050 m above it, FR 0.050 m above it, HL 0.050 m above it, HR "
-        "0.050 m above it, expected within 0.02 m; change the position of the base or the joint angles"
+        "0.050 m above it, expected within 0.02 m; change the position of the base or the joint angles (feet= finds "
+        "them)"
     )
 
 
@@ -68,6 +69,12 @@ def test_a_foot_that_lands_off_the_ground():
     ((where, text),) = warned(push, hop, ocp.Phase("land", stance("FL HR"), 0.1))
     assert where.startswith("phase 'hop'")
     assert text.startswith("landing foot is not on the ground - got FL 0.030 m above it, HR 0.030 m above it, expected")
+    assert text.endswith("(feet= finds them), or give the model its ground, terrain=")
+
+
+def test_a_foot_at_the_limit_gives_no_warning():
+    assert warned(keyframe("stand", ALL, 0.1, position=(0, 0, STANDING + 0.02))) == []
+    assert len(warned(keyframe("stand", ALL, 0.1, position=(0, 0, STANDING + 0.0201)))) == 1
 
 
 def test_a_foot_in_the_air_may_be_anywhere():

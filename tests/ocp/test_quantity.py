@@ -52,6 +52,11 @@ def test_labels_match_no_part_of_a_word():
         match_labels(LEGS, "F", "here")
 
 
+def test_an_angle_that_is_no_component_names_its_axis():
+    with pytest.raises(UnknownNameError, match="the components are axes; for yaw write 'z'$"):
+        match_labels(("x", "y", "z"), "yaw", "here")
+
+
 def test_bound_quantity_counts_components_of_a_difference():
     bound = Bound(BASE.orientation, cs.SX.sym("q", 4), ("x", "y", "z"))
     assert bound.size == 3

@@ -15,7 +15,7 @@ def doctor(
     feet: Annotated[
         str | None, typer.Option(metavar="'FRAME ...'", help="Frames of the feet, separated by spaces or commas.")
     ] = None,
-    foot_radius: Annotated[float | None, typer.Option(help="Radius of the foot's ball [m].")] = None,
+    foot_radius: Annotated[float | None, typer.Option(help="Radius of the foot's ball \\[m].")] = None,
     base: Annotated[str | None, typer.Option(metavar="free|fixed", help="Whether the base floats.")] = None,
     lock: Annotated[
         list[str] | None, typer.Option(metavar="JOINT=X", help="A joint that does not move, and its position.")

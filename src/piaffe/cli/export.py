@@ -20,11 +20,11 @@ def export(
     gains: Annotated[
         str | None, typer.Option(metavar="KP:KD", help="Gains of the joints, added to the torques (3:0.5).")
     ] = None,
-    latency: Annotated[float | None, typer.Option(help="From a state to the first effect of its plan [s].")] = None,
+    latency: Annotated[float | None, typer.Option(help="From a state to the first effect of its plan \\[s].")] = None,
     max_age: Annotated[
-        float | None, typer.Option(help="A plan acts until its state is this old [s]; then the joints are damped.")
+        float | None, typer.Option(help="A plan acts until its state is this old \\[s]; then the joints are damped.")
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Duration of the closed loop that `make check` replays [s].")] = 5.0,
+    seconds: Annotated[float, typer.Option(help="Duration of the closed loop that `make check` replays \\[s].")] = 5.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of this closed loop.")] = 0,
     spread: Annotated[
         bool, typer.Option("--spread/--no-spread", help="Draw its plant, first state and noise, as piaffe mpc does.")

@@ -30,7 +30,7 @@ def mpc(
         str | None,
         typer.Option(metavar="KP:KD", help="Gains of the joints, added to vwbc and riccati, or those of pd (20:0.5)."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Duration of an episode [s].")] = 10.0,
+    seconds: Annotated[float, typer.Option(help="Duration of an episode \\[s].")] = 10.0,
     seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
     seeds: Annotated[int, typer.Option(min=1, help="Number of seeds, from the first one on.")] = 1,
     workers: Annotated[
@@ -62,17 +62,21 @@ def mpc(
         typer.Option(metavar="1.5@2.7:y", help="Push of m/s at a time along an axis; 60N@2.7:x/0.1 for a force."),
     ] = None,
     latency: Annotated[
-        float | None, typer.Option(help="Time from a state to the first effect of its plan [s]; by default the file's.")
+        float | None,
+        typer.Option(help="Time from a state to the first effect of its plan \\[s]; by default the file's."),
     ] = None,
-    payload: Annotated[float, typer.Option(help="Mass on the base of the plant, not of the problem's model [kg].")] = 0,
+    payload: Annotated[
+        float, typer.Option(help="Mass on the base of the plant, not of the problem's model \\[kg].")
+    ] = 0,
     command: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="'vx=0.5@0 yaw=0.5@6'", help="Commands to the gait at times [s]: vx, vy, yaw, height; motion=NAME."
+            metavar="'vx=0.5@0 yaw=0.5@6'",
+            help="Commands to the gait at times \\[s]: vx, vy, yaw, height; motion=NAME.",
         ),
     ] = None,
     settle: Annotated[
-        float, typer.Option(help="Time after each change of the command that does not count for its speed [s].")
+        float, typer.Option(help="Time after each change of the command that does not count for its speed \\[s].")
     ] = 2.0,
     speed_bound: Annotated[float, typer.Option(help="Largest relative error of the speed of a success.")] = 0.05,
     plant: Annotated[
@@ -83,7 +87,7 @@ def mpc(
     ] = None,
     names: Annotated[
         Path | None,
-        typer.Option(metavar="N.toml", help="Names in FILE.xml: tables [joints] and [feet], ours = theirs."),
+        typer.Option(metavar="N.toml", help="Names in FILE.xml: tables \\[joints] and \\[feet], ours = theirs."),
     ] = None,
     joint: Annotated[
         list[str] | None, typer.Option(metavar="OURS=THEIRS", help="A joint's name in FILE.xml; may be repeated.")

@@ -68,13 +68,13 @@ def mppi(
     ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="Threads of roll-outs; by default one per core.")] = None,
     payload: Annotated[
-        float, typer.Option(help="Mass on the base of the plant, not of the controller's model [kg].")
+        float, typer.Option(help="Mass on the base of the plant, not of the controller's model \\[kg].")
     ] = 0.0,
     friction: Annotated[
         float | None, typer.Option(help="Friction of the plant; by default that of the controller's model.")
     ] = None,
-    latency: Annotated[float, typer.Option(help="Time from a state to the first effect of its plan [s].")] = 0.0,
-    plant_timestep: Annotated[float, typer.Option(help="Step of the plant's simulator [s].")] = 0.002,
+    latency: Annotated[float, typer.Option(help="Time from a state to the first effect of its plan \\[s].")] = 0.0,
+    plant_timestep: Annotated[float, typer.Option(help="Step of the plant's simulator \\[s].")] = 0.002,
     spread: Annotated[
         bool, typer.Option("--spread/--no-spread", help="Random initial states, different for each seed.")
     ] = True,

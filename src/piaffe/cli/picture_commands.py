@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from piaffe.errors import ProblemError
 
 from .arguments import Saved
-from .reports import working
+from .reports import plain, terminal, working
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from piaffe.models import Robot
 
 
 def plot(
@@ -50,7 +56,7 @@ def video(
     ] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="Width and height in pixels.")] = "1280x720",
     fps: Annotated[int, typer.Option(min=1, max=240, help="Frames per second.")] = 50,
-    azimuth: Annotated[float, typer.Option(help="Direction of view about the vertical [degree].")] = 60.0,
+    azimuth: Annotated[float, typer.Option(help="Direction of view about the vertical \\[degree].")] = 60.0,
     distance: Annotated[float, typer.Option(help="Distance of the camera, in sizes of the robot.")] = 1.85,
     friction: Annotated[
         float | None, typer.Option(help="Friction coefficient of the simulation; by default that of the problem.")
@@ -80,14 +86,14 @@ def pose(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="A robot's name, or a URDF file.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="P.png", help="Picture to write.")],
     joints: Annotated[
-        str, typer.Option(help="A pose's name, or angles by label: 'HAA=0.1 FL_KFE=-1.2' [rad]; the others stand.")
+        str, typer.Option(help="A pose's name, or angles by label: 'HAA=0.1 FL_KFE=-1.2' \\[rad]; the others stand.")
     ] = "stand",
-    rpy: Annotated[str, typer.Option(help="Roll, pitch and yaw of the base [rad], separated by commas.")] = "0,0,0",
+    rpy: Annotated[str, typer.Option(help="Roll, pitch and yaw of the base \\[rad], separated by commas.")] = "0,0,0",
     feet: Annotated[str | None, typer.Option(help="Frames of the feet of a URDF, separated by commas.")] = None,
     size: Annotated[str, typer.Option(metavar="WxH", help="Width and height in pixels.")] = "960x720",
-    azimuth: Annotated[float, typer.Option(help="Direction of view about the vertical [degree].")] = 60.0,
+    azimuth: Annotated[float, typer.Option(help="Direction of view about the vertical \\[degree].")] = 60.0,
 ) -> None:
-    """Draw a robot in a pose, with its lowest foot on the ground."""
+    """Draw a robot in a pose, with its lowest foot on the ground, and print where its base and feet are."""
     from piaffe.viz import gl, is_sheet, picture_size
 
     shape = picture_size(size)
@@ -102,11 +108,27 @@ def pose(
     check_destination(output)
     loaded = models.load(robot) if feet is None else models.load(robot, feet=feet.split(","))
     angles: object = _angles(joints) if "=" in joints else joints
+    turned = _numbers(rpy, "--rpy", 3)
+    _warn_of_limits(loaded, loaded.pose(angles))
     if loaded.base == "free":
-        state = models.WholeBody(loaded).state(joints=angles, rpy=_numbers(rpy, "--rpy", 3))
+        state = models.WholeBody(loaded).state(joints=angles, rpy=turned)
+        print(f"base {state[2]:.4f} m above the ground")
+        for name, place in loaded.forward_kinematics(angles, state[:3], turned).items():
+            print(f"foot {name} at ({', '.join(f'{each + 0.0:.4f}' for each in place.round(4))}) m")
     else:
         state = loaded.pose(angles)
     print(f"saved {save_picture(picture(loaded, state, size=shape, azimuth=azimuth), output)}")
+
+
+def _warn_of_limits(robot: Robot, angles: NDArray[np.float64]) -> None:
+    """Print the joints that are beyond their limits on standard error."""
+    for name, angle, lower, upper in zip(robot.joint_names, angles, robot.joint_lower, robot.joint_upper, strict=True):
+        if not lower - 1e-6 <= angle <= upper + 1e-6:
+            terminal(stderr=True).print(
+                f"[yellow]warning:[/] pose: joint beyond its limit - got {plain(name)} at {angle:.3f} rad, expected "
+                f"{lower:.3f} to {upper:.3f} rad; change the angle",
+                soft_wrap=True,
+            )
 
 
 def _angles(text: str) -> dict[str, float]:

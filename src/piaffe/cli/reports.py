@@ -28,6 +28,15 @@ if TYPE_CHECKING:
 
 KINDS: tuple[Kind, ...] = ("defect", "equality", "inequality", "slip", "height", "flight")
 _LOG_WIDTH = 150
+_OVER_SPEED = 1.01  # part of a joint's speed limit above which a note says so
+_ADVICE: dict[Kind, str] = {
+    "defect": "solve again with this file; a solution of another problem, or one that has not converged, has defects",
+    "equality": "solve until it converges",
+    "inequality": "solve until it converges, with this file",
+    "slip": "a smaller dt, or the model's default integrator",
+    "height": "look at the initial state and the keyframes before the touchdown; a smaller dt",
+    "flight": "a smaller dt, or torques that change less: a larger weight on joints.torque",
+}
 
 
 def terminal(*, stderr: bool = False) -> Console:
@@ -82,8 +91,10 @@ def print_solution(console: Console, solution: Solution, wall_s: float) -> None:
     colour = "green" if solution.converged else "red"
     console.print(f"[bold {colour}]{solution.status.name}[/] {solution.status.advice.partition(': ')[2]}")
     console.print(
-        f"{solution.iterations} iterations in {solution.wall_s:.2f} s, compiled in {solution.compile_s:.2f} s, "
-        f"{wall_s:.2f} s in all; cost {solution.cost:.6g}",
+        f"{solution.iterations} iterations in {solution.wall_s:.2f} s; functions built in {solution.compile_s:.2f} s, "
+        f"solver compiled or loaded in {wall_s - solution.wall_s - solution.compile_s:.2f} s, {wall_s:.2f} s in all; "
+        f"cost {solution.cost:.6g}",
+        soft_wrap=True,
     )
     table = new_table("term", ">cost", ">share")
     total = sum(solution.term_costs.values()) or 1.0
@@ -126,13 +137,14 @@ def verification_values(compiled: CompiledProblem, trajectory: Trajectory, resul
     from piaffe.models import measures
 
     turns = measures.turns(trajectory)
-    worst = result.worst()
+    worst, fastest = result.worst(), measures.fastest_joint(compiled, trajectory)
     return {
         "verified": result.holds, "max_defect": result.max_defect, "max_equality": result.max_equality,
         "max_inequality": result.max_inequality, "max_slip_m": result.max_slip, "max_height_m": result.max_height,
         "max_flight_m": result.max_flight, "turns_rad": None if turns is None else turns.tolist(),
         "turns_x_rad": None if turns is None else float(turns[0]), "apex_m": measures.apex(trajectory),
         "min_foot_z_m": measures.lowest_foot(compiled, trajectory),
+        "fastest_joint": None if fastest is None else {**asdict(fastest), "ratio": fastest.ratio},
         "duration_s": trajectory.duration, "worst": _violation_values(worst),
         **{f"worst_{kind}": _violation_values(result.worst(kind)) for kind in KINDS},
     }  # fmt: skip
@@ -166,7 +178,21 @@ def print_verification(console: Console, result: Verification, values: dict[str,
         )
     if values["min_foot_z_m"] is not None:
         console.print(f"lowest foot {values['min_foot_z_m']:+.4f} m above the terrain")
-    console.print("[bold green]verified[/]" if result.holds else "[bold red]not within the bounds[/]")
+    fastest = values["fastest_joint"]
+    if fastest is not None and fastest["ratio"] > _OVER_SPEED:
+        console.print(
+            f"[yellow]note:[/] joint {plain(fastest['name'])} reaches {fastest['speed']:.3g}, {fastest['ratio']:.2g} "
+            f"times the robot's limit of {fastest['limit']:.3g}; models.joint_speed_limits() in the problem keeps it",
+            soft_wrap=True,
+        )
+    beyond = [row for row in map(result.worst, KINDS) if row is not None and row.ratio > 1]
+    if not beyond:
+        console.print("[bold green]verified[/]")
+    for row in beyond:
+        console.print(
+            f"[bold red]not within the bounds[/]: {row.kind}, {row.ratio:.2g} times its bound; {_ADVICE[row.kind]}",
+            soft_wrap=True,
+        )
 
 
 def simulation_values(execution: Execution) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def solve(
     video: Annotated[Path | None, typer.Option(metavar="V.mp4", help="Also film it, as piaffe video.")] = None,
     json: Json = False,
     max_iterations: Annotated[int | None, typer.Option(min=1, help="Largest number of iterations.")] = None,
-    time_limit: Annotated[float | None, typer.Option(help="Time limit [s].")] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Time limit \\[s].")] = None,
     warm_start: Annotated[Path | None, typer.Option(metavar="R.npz", help="Start from a saved solution.")] = None,
     backend: Annotated[str, typer.Option(help="native (compiled C) or numpy (the readable reference).")] = "native",
 ) -> None:

@@ -14,6 +14,7 @@ from piaffe.errors import ProblemError, ShapeError
 from piaffe.files import whole_file
 from piaffe.models import Robot, base, heights_off_ground, joints, mujoco_spec
 from piaffe.models.terrain import Terrain
+from piaffe.ocp import rotation
 
 from . import gl
 from .caption import FONT
@@ -99,7 +100,8 @@ def strip(
 def keyframes(problem: Problem, *, size: tuple[int, int] = (320, 240), azimuth: float = 60.0) -> Picture:
     """Return one image of the targets of a problem at its start and at the end of each phase that has a keyframe.
 
-    Feet that stand in the phase and are more than 2 cm off the ground have a red mark.
+    Feet that stand in the phase, or land at its end, and are more than 2 cm off the ground have a red mark. Below each
+    picture are phase, time, and position [m] and roll, pitch, yaw [degree] of the base.
 
     Raises:
         ProblemError: the problem has no robot, or no keyframe.
@@ -117,20 +119,29 @@ def keyframes(problem: Problem, *, size: tuple[int, int] = (320, 240), azimuth: 
             "with a floating base; describe it without pictures"
         )
     terrain: Terrain = model.state.terrain
-    shown: list[tuple[str, Array, list[str]]] = [("start", problem.initial, [])]
-    for phase in compiled.phases:
+    shown: list[tuple[str, Array, list[str]]] = [(f"start  0 s\n{_place(problem.initial)}", problem.initial, [])]
+    for phase, following in zip(compiled.phases, (*compiled.phases[1:], None), strict=True):
         placed = compiled.path.interval_before(float(phase.times[-1]))
         if phase.ends_phase and placed.phase.target is not None and phase.mode.model is model:
-            stance: Any = model.resolve(placed.phase.mode)
+            stances: list[Any] = [model.resolve(each.interval.phase.mode) for each in (phase, following) if each]
+            standing = {name for stance in stances for name in stance.feet}
             x = model.state.pack({**model.state.unpack(problem.initial), **_own(model, compiled.path, placed)})
             values = model.state.unpack(x)
             pose = (values[quantity] for quantity in (base.position, base.orientation, joints.position))
-            off = heights_off_ground(robot, terrain, stance.feet, *pose)
-            shown.append((placed.phase.name, x, list(off)))
+            off = heights_off_ground(robot, terrain, [name for name in robot.foot_names if name in standing], *pose)
+            place = _place(x, placed.phase.target.values.get("rpy"))
+            shown.append((f"{placed.phase.name}  {float(phase.times[-1]):g} s\n{place}", x, list(off)))
     return _side_by_side([
-        _captioned(picture(robot, x, terrain=terrain, marked=off, size=size, azimuth=azimuth), name, size)
-        for name, x, off in shown
+        _captioned(picture(robot, x, terrain=terrain, marked=off, size=size, azimuth=azimuth), text, size)
+        for text, x, off in shown
     ])  # fmt: skip
+
+
+def _place(x: Array, rpy: ArrayLike | None = None) -> str:
+    """Return position [m] and roll, pitch, yaw [degree] of a floating base; declared angles keep full turns."""
+    angles = np.degrees(rotation.np_to_rpy(x[3:7]) if rpy is None else np.asarray(rpy, dtype=float))
+    place, turned = np.round(x[:3], 3) + 0.0, np.round(angles) + 0.0
+    return f"({', '.join(f'{each:g}' for each in place)}) m  ({', '.join(f'{each:g}' for each in turned)})°"
 
 
 def _own(model: Any, path: Any, placed: Any) -> dict[Any, Array]:
@@ -159,7 +170,7 @@ def _qpos(robot: Robot, state: ArrayLike | str) -> Array:
 def _captioned(drawn: Picture, text: str, size: tuple[int, int]) -> Picture:
     image = Image.fromarray(drawn).resize(size, Image.Resampling.LANCZOS)
     font = ImageFont.truetype(str(FONT), max(size[1] // 18, 9))
-    ImageDraw.Draw(image).text((0.03 * size[0], 0.97 * size[1]), text, font=font, fill=INK, anchor="ls")
+    ImageDraw.Draw(image).text((0.03 * size[0], 0.98 * size[1]), text, font=font, fill=INK, anchor="ld")
     return np.asarray(image)
 
 
