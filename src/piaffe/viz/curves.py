@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.models import measures
-from piaffe.ocp import Quantity, rotation
+from piaffe.ocp import Quantity
 
+from .angles import continuous_rpy
 from .style import AXES, LEGS, colours
 
 if TYPE_CHECKING:
@@ -202,27 +203,28 @@ def _gather(solution: Solution, quantity: Quantity, held: bool) -> tuple[tuple[s
             values.append(np.concatenate([table, table[-1:]]))
             targets.append(None)
         else:
-            values.append(_plain(quantity, part.states[:, where]))
-            targets.append(_plain(quantity, policy.target_states[:, where]))
-    size = len(labels)
+            values.append(part.states[:, where])
+            targets.append(policy.target_states[:, where])
+    rotates = quantity.kind == "rotation"
+    size = 4 if rotates else len(labels)
 
     def joined(tables: list[Array | None]) -> Array:
         filled = [np.full((len(t), size), np.nan) if v is None else v for t, v in zip(times, tables, strict=True)]
-        return _unwrapped(np.concatenate(filled)) if quantity.kind == "rotation" else np.concatenate(filled)
+        return np.concatenate(filled)
 
-    return labels, np.concatenate(times), joined(values), None if held else joined(targets)
+    found, aims = joined(values), None if held else joined(targets)
+    if rotates:
+        found, aims = _angles(found, aims)
+    return labels, np.concatenate(times), found, aims
 
 
-def _plain(quantity: Quantity, values: Array) -> Array:
-    return rotation.np_to_rpy(values) if quantity.kind == "rotation" else values
-
-
-def _unwrapped(angles: Array) -> Array:
-    """Return angles without jumps of 2π, (n, 3); NaN stays NaN."""
-    out = angles.copy()
-    known = np.all(np.isfinite(angles), axis=1)
-    out[known] = np.unwrap(angles[known], axis=0)
-    return out
+def _angles(found: Array, aims: Array | None) -> tuple[Array, Array | None]:
+    """Return roll, pitch, yaw of orientations and of their targets; at the start those of the target are near."""
+    if aims is None:
+        return continuous_rpy(found), None
+    wanted = continuous_rpy(aims)
+    first = wanted[np.all(np.isfinite(wanted), axis=1)][:1]
+    return continuous_rpy(found, first[0] if first.size else None), wanted
 
 
 def _by_kind(labels: Sequence[str], feet: Sequence[str]) -> Iterator[tuple[str, list[int], list[str]]]:
