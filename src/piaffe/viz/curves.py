@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -56,6 +56,7 @@ class Panel:
         title: title of the diagram. unit: unit of the vertical axis.
         curves: the curves.
         bounds: distinct (lower, upper) of the curves, None where there is no bound.
+        moving_bounds: bounds that vary over phases, as times [s] and values (n,) each.
         legend: whether a legend is needed; curves of legs need none, because they have the colours of the contact bars.
     """
 
@@ -63,6 +64,7 @@ class Panel:
     unit: str
     curves: tuple[Curve, ...]
     bounds: tuple[tuple[float | None, float | None], ...] = field(default=())
+    moving_bounds: tuple[tuple[Array, Array], ...] = field(default=())
     legend: bool = True
 
 
@@ -150,7 +152,7 @@ def _panels(solution: Solution, quantity: Quantity, held: bool) -> Iterator[Pane
     path = quantity.path
     if path.startswith("joints."):
         feet = feet_of(solution)
-        bounds = _bounds(solution, path, quantity.unit, labels)
+        bounds, moving = _bounds(solution, path, quantity.unit, labels), _moving(solution, path, quantity.unit, labels)
         for kind, indices, names in _by_kind(labels, feet):
             palette = [LEGS[feet.index(name) % len(LEGS)] if name in feet else LEGS[0] for name in names]
             if not any(name in feet for name in names):
@@ -165,16 +167,17 @@ def _panels(solution: Solution, quantity: Quantity, held: bool) -> Iterator[Pane
                     for n, i, c in zip(names, indices, palette, strict=True)
                 ),
                 tuple(dict.fromkeys(bounds[i] for i in indices)),
+                _distinct(moving, indices),
                 legend=not all(name in feet for name in names),
             )
         return
     shown = ("roll", "pitch", "yaw") if quantity.kind == "rotation" else labels
     palette = list(AXES) if len(shown) == 3 else colours(len(shown))
-    bounds = _bounds(solution, path, quantity.unit, labels)
+    bounds, moving = _bounds(solution, path, quantity.unit, labels), _moving(solution, path, quantity.unit, labels)
     yield Panel(
         _TITLES.get(path, path), quantity.unit,
         tuple(_curve(shown[i], i, times, values, targets, palette[i], held) for i in range(len(shown))),
-        tuple(dict.fromkeys(bounds)), legend=any(shown),
+        tuple(dict.fromkeys(bounds)), _distinct(moving, range(len(labels))), legend=any(shown),
     )  # fmt: skip
 
 
@@ -247,6 +250,21 @@ def _bounds(solution: Solution, path: str, unit: str, labels: Sequence[str]) -> 
             lower, upper = (limit[side] or [None] * len(labels) for side in ("lower", "upper"))
             return list(zip(lower, upper, strict=True))
     return [(None, None)] * len(labels)
+
+
+def _moving(solution: Solution, path: str, unit: str, labels: Sequence[str]) -> list[tuple[Array, Array]]:
+    """Return times (n,) and values (n, size) of each side of a declared limit that varies over phases."""
+    for limit in solution.limits:
+        if limit.get("over_time") and _bounds_components(limit, path, unit, labels):
+            sides = limit["over_time"].values()
+            return [(np.array(s["times"]), np.array(s["values"], dtype=float).reshape(-1, len(labels))) for s in sides]
+    return []
+
+
+def _distinct(moving: Sequence[tuple[Array, Array]], indices: Iterable[int]) -> tuple[tuple[Array, Array], ...]:
+    """Return the bounds of some components over time, each once."""
+    found = {values[:, i].tobytes(): (times, values[:, i]) for times, values in moving for i in indices}
+    return tuple(found.values())
 
 
 def _bounds_components(limit: Mapping[str, object], path: str, unit: str, labels: Sequence[str]) -> bool:
