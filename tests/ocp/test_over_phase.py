@@ -160,6 +160,15 @@ def test_pushes_grow_with_a_bound_that_grows():
     assert used[1:5] == pytest.approx(10.0 * np.linspace(0.05, 0.2, 4), abs=0.05)
 
 
+def test_a_batch_solves_with_them_as_single_solves_do():
+    compiled = ocp.compile_problem(cart(ocp.inequality(place, upper=ocp.over_phase(ceiling), name="c", unit="m")))
+    starts = np.array([[0.0, 0.0], [0.1, 0.5]])
+    batch = solvers.solve_batch(compiled, starts)
+    for i, start in enumerate(starts):
+        alone = solvers.MSiLQR(compiled.with_start(start)).solve().raise_if_failed()
+        np.testing.assert_allclose(batch.states[i], alone.states, atol=1e-9)
+
+
 # ---- horizons, planners, samples
 
 
