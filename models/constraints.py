@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from piaffe.errors import ProblemError
-from piaffe.ocp import ResetRows, When, caller, inequality, match_labels
+from piaffe.ocp import OverPhase, ResetRows, When, caller, inequality, match_labels
 
 from . import natural
 
@@ -113,8 +113,8 @@ def joint_range(
     joints: str,
     limit: float | None = None,
     *,
-    lower: float | None = None,
-    upper: float | None = None,
+    lower: float | OverPhase | None = None,
+    upper: float | OverPhase | None = None,
     scale: float = 1.0,
 ) -> Any:
     """Keep the angles of some joints within a given range [rad].
@@ -122,8 +122,8 @@ def joint_range(
     Args:
         joints: a label: ``"HAA"`` for that joint of every leg, ``"FL"`` for every joint of that leg, or a joint's name.
         limit: bound of |q|, in place of ``lower`` and ``upper`` [rad].
-        lower: smallest angle [rad].
-        upper: largest angle [rad].
+        lower: smallest angle [rad], a number or ``ocp.over_phase`` of a function of time.
+        upper: largest angle [rad], the same.
         scale: what a violation is divided by in reports [rad].
     """
     if limit is not None:
@@ -136,12 +136,14 @@ def joint_range(
     )  # fmt: skip
 
 
-def base_height(minimum: float | None = None, *, maximum: float | None = None, scale: float | None = None) -> Any:
+def base_height(
+    minimum: float | OverPhase | None = None, *, maximum: float | OverPhase | None = None, scale: float | None = None
+) -> Any:
     """Keep ``base.height``, the height of the base's origin above the terrain below the feet, within bounds [m].
 
     Args:
-        minimum: smallest height [m]; None for none.
-        maximum: largest height [m]; None for none.
+        minimum: smallest height [m], a number or ``ocp.over_phase`` of a function of time; None for none.
+        maximum: largest height [m], the same.
         scale: what a violation is divided by in reports [m]; None: 1, or more or less for a very small or
             large robot.
     """
@@ -152,7 +154,7 @@ def base_height(minimum: float | None = None, *, maximum: float | None = None, s
     )  # fmt: skip
 
 
-def foot_clearance(minimum: float = 0.0, *, when: When = None, scale: float | None = None) -> Any:
+def foot_clearance(minimum: float | OverPhase = 0.0, *, when: When = None, scale: float | None = None) -> Any:
     """Keep feet in the air at least ``minimum`` above the terrain [m], touchdown included.
 
     Feet on the ground are masked, because the contact holds them there. A foot is also masked at the first node after
@@ -165,7 +167,7 @@ def foot_clearance(minimum: float = 0.0, *, when: When = None, scale: float | No
     blocks that its reference has not yet reached, or has left.
 
     Args:
-        minimum: smallest height above the terrain [m].
+        minimum: smallest height above the terrain [m], a number or ``ocp.over_phase`` of a function of time.
         when: phases it applies to: a name, names, a predicate of the name, or None for all.
         scale: what a violation is divided by [m]; None: 1, or that of a very small or large robot.
     """
@@ -322,7 +324,7 @@ def _require(where: str, what: str, got: Any, holds: Callable[[float], bool], ex
         )
 
 
-def _require_bound(where: str, what: str, lower: float | None, upper: float | None) -> None:
+def _require_bound(where: str, what: str, lower: object, upper: object) -> None:
     if lower is None and upper is None:
         raise ProblemError(f"{where} ({caller()}): no bound - got none, expected {what}; give one")
 

@@ -50,10 +50,12 @@ from .language import Motion as Motion
 from .language import Node as Node
 from .language import NodeView as NodeView
 from .language import Objective as Objective
+from .language import OverPhase as OverPhase
 from .language import Parameter as Parameter
 from .language import ParameterKey as ParameterKey
 from .language import Path as Path
 from .language import Phase as Phase
+from .language import PhaseTime as PhaseTime
 from .language import PhaseTrajectory as PhaseTrajectory
 from .language import Piece as Piece
 from .language import PlacedPhase as PlacedPhase
@@ -99,6 +101,7 @@ from .language import match_labels as match_labels
 from .language import model_of as model_of
 from .language import node_before as node_before
 from .language import numbers_of as numbers_of
+from .language import over_phase as over_phase
 from .language import parameter as parameter
 from .language import phase_index as phase_index
 from .language import placed_phases as placed_phases

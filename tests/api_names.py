@@ -34,6 +34,7 @@ INTERNAL: dict[str, dict[str, str]] = {
         "Source": "a file and a line, of declarations and warnings",
         "caller": "the line of the user's file that calls Piaffe, for messages",
         "When": _TYPE,
+        "OverPhase": _TYPE,
         "call": "runs a user's function, and names it in errors",
         "problem_names": "finds problems in a file, for the error that lists them",
         "check_fits": _CHECK,

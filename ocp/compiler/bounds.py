@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,10 @@ from .transition import LoweredTransition
 
 
 def check_bounds(
-    mode: LoweredMode | LoweredTransition, terms: Sequence[Cost | Constraint], p: NDArray[np.float64]
+    mode: LoweredMode | LoweredTransition,
+    terms: Sequence[Cost | Constraint],
+    p: NDArray[np.float64],
+    place: Callable[[int], object] | None = None,
 ) -> None:
     """Raise if the bounds of a constraint exclude each other.
 
@@ -23,6 +26,7 @@ def check_bounds(
         mode: the mode or transition, for its layout.
         terms: the problem's terms.
         p: parameters of nodes (n, np).
+        place: function of a row of ``p`` that says where it is, for messages; None if all nodes have these bounds.
     """
     slices = mode.layout.slices
     for k in mode.bound:
@@ -35,8 +39,9 @@ def check_bounds(
         if wrong.size:
             node, row = (int(i) for i in wrong[0])
             term = terms[k]
+            at = "" if place is None else f", {place(node)}"
             raise ProblemError(
-                f"{term.where}, model '{mode.model.name}', row {row}: bounds exclude each other - got lower "
+                f"{term.where}, model '{mode.model.name}', row {row}{at}: bounds exclude each other - got lower "
                 f"{least[node, row]:g} above upper {most[node, row]:g} [{term.unit or '-'}], expected lower ≤ upper; "
                 "swap them"
             )

@@ -211,9 +211,9 @@ class Compilation:
         if follower is None:
             ending.add("end")
         nodes = [
-            self.node(span, t, interval, sample, is_end=k == n, tracked=tracked)
-            for k, (t, interval, sample, tracked) in enumerate(
-                zip(times, inside, stages.acting, stages.tracked, strict=True)
+            self.node(span, t, interval, sample, is_end=k == n, tracked=tracked, acts=acts)
+            for k, (t, interval, sample, tracked, acts) in enumerate(
+                zip(times, inside, stages.acting, stages.tracked, stages.acts, strict=True)
             )
         ]
         p, applies = np.empty((n + 1, mode.layout.size)), np.empty((n + 1, len(self.terms)), dtype=bool)
@@ -293,9 +293,13 @@ class Compilation:
 
     def node(
         self, span: HorizonPhase, t: float, interval: PlacedPhase, sample: Sample, *, is_end: bool,
-        tracked: Sample | None = None,
+        tracked: Sample | None = None, acts: float | None = None,
     ) -> Node:  # fmt: skip
-        """Return the node for which a model returns the values of its slots."""
+        """Return the node for which a model returns the values of its slots; ``acts`` is the time that counts for it.
+
+        That is the middle of a stage during which quantities act, and else the node's time. Times within a phase are
+        rounded to 1e-9 s, so that they are the same in every cycle.
+        """
         model = span.model
         key = (model, interval.piece, interval.index)
         if key not in self._modes:
@@ -306,7 +310,9 @@ class Compilation:
         now, before = self._modes[key]
         after = self.neighbour(model, span.following) if is_end else None
         steps = round((t - interval.start) / span.segment.dt)
-        return Node(t, now, after, sample, before, steps, span.segment.dt, tracked)
+        since = round(float(t if acts is None else acts) - interval.start, 9)
+        phase_time = min(max(since, 0.0), interval.phase.duration)
+        return Node(t, now, after, sample, before, steps, span.segment.dt, tracked, phase_time)
 
     def plain_node(self, model: ModelBase, interval: PlacedPhase, sample: Sample) -> Node:
         """Return a node at the start of a phase, for slots that depend on the sample alone."""

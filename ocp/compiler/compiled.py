@@ -33,7 +33,7 @@ class CompiledProblem:
         scopes: per term the motion phase that declares it; None for terms of the whole problem.
         path: the targets over time.
         unbound: per (model name, term index) why a term is not in that model.
-        changing: slots of models whose values follow from the motion at each node.
+        changing: slots of models whose values follow from the motion at each node, and bounds that vary over a phase.
         lowered: number of modes and transitions that were built for this problem; 0 if all were in the cache.
         compile_s: time spent compiling [s].
         source: where the problem was declared.

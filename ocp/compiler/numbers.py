@@ -21,13 +21,14 @@ from ..language import (
     Parameter,
     ParameterKey,
     Phase,
+    PhaseTime,
     check_value,
     rotation,
 )
 from .bounds import check_bounds
 from .layout import Layout
 from .mode import LoweredMode
-from .parameters import follows_from_motion
+from .parameters import not_a_number
 from .transition import LoweredTransition
 
 Array = NDArray[np.float64]
@@ -46,11 +47,23 @@ class _Part:
 
 
 @dataclass(frozen=True, eq=False)
+class _Varying:
+    """A constraint's bounds that vary over a phase: the parts of ``p`` for the bounds and for which are finite."""
+
+    k: int
+    term: Constraint
+    side: Literal["lower", "upper"]
+    bound: slice
+    finite: slice
+
+
+@dataclass(frozen=True, eq=False)
 class _OfMode:
     """The common numbers of the nodes of a mode: parameters, (np,), and the parts that depend on the phase."""
 
     p: Array
     parts: tuple[_Part, ...]
+    varying: tuple[_Varying, ...]
 
 
 Lowered = LoweredMode | LoweredTransition
@@ -68,10 +81,11 @@ class Tracked:
 
 @dataclass(frozen=True, eq=False)
 class _OfPhase:
-    """The common numbers of the nodes of a phase: parameters, (np,), targets that differ by node, active terms."""
+    """The common numbers of the nodes of a phase, (np,); targets and bounds that differ by node; active terms."""
 
     p: Array
     tracked: tuple[Tracked, ...]
+    varying: tuple[_Varying, ...]
     counts: NDArray[np.bool_]
 
 
@@ -118,6 +132,8 @@ class Numbers:
             self._put_changing(row, mode.layout, mode.model, node)
         for each in shared.tracked:
             p[:, each.part] = self._followed(each, nodes)
+        if shared.varying:
+            self._put_varying(p, mode, shared.varying, nodes, phase)
         return p
 
     def counts(self, mode: Lowered, phase: Phase, here: frozenset[At]) -> NDArray[np.bool_]:
@@ -171,7 +187,7 @@ class Numbers:
     def _note_changing(self, model: ModelBase, name: str) -> None:
         key = ParameterKey("slot", name, model=model.name)
         if key in self.replaced:
-            raise follows_from_motion(self.replaced[key][0], self.where)
+            raise not_a_number(self.replaced[key][0], key, self.where)
         self._set.add((model, name))
         self.changing.add(key)
 
@@ -192,7 +208,7 @@ class Numbers:
         labels: dict[int, list[str]] = {k: [] for k in mode.bound}
         for row in mode.residuals:
             labels[row.term].append(row.label)
-        parts = []
+        parts, varying = [], []
         for k in mode.bound:
             term = self.terms[k]
             target = slices.get(ParameterKey("target", term=k))
@@ -201,13 +217,13 @@ class Numbers:
                 if key in slices:  # a cost on a quantity calls no function
                     p[slices[key]] = self._value(key, value)
             if isinstance(term, Constraint):
-                self._put_bounds(p, mode, k, term)
+                varying += self._put_bounds(p, mode, k, term)
             elif target is not None:
                 p[target.start] = 1.0  # for a rotation, the identity
             factor = ParameterKey("active" if isinstance(term, Constraint) else "weight", term=k)
             parts.append(_Part(k, term, slices[factor], target, tuple(labels[k])))
         check_bounds(mode, self.terms, p[None])
-        return _OfMode(p, tuple(parts))
+        return _OfMode(p, tuple(parts), tuple(varying))
 
     def _of_phase(self, mode: Lowered, phase: Phase, here: frozenset[At]) -> _OfPhase:
         """Return the common numbers of the nodes of a phase, and the targets that differ by node."""
@@ -231,17 +247,37 @@ class Numbers:
                     tracked.append(Tracked(term, part.target, part.labels))
                 elif part.target is not None:
                     p[part.target] = self._fixed(k, term, part.target.stop - part.target.start, part.labels)
-        return _OfPhase(p, tuple(tracked), counts)
+        return _OfPhase(p, tuple(tracked), tuple(each for each in shared.varying if counts[each.k]), counts)
 
-    def _put_bounds(self, p: Array, mode: Lowered, k: int, term: Constraint) -> None:
-        """Write the bounds of a constraint's rows, and which of them are finite."""
+    def _put_bounds(self, p: Array, mode: Lowered, k: int, term: Constraint) -> list[_Varying]:
+        """Write the bounds of a constraint's rows, and which of them are finite; return those that vary over phases."""
+        varying = []
         for key in (ParameterKey("lower", term=k), ParameterKey("upper", term=k)):
             part = mode.layout.slices.get(key)
-            if part is not None:
-                side: Literal["lower", "upper"] = "lower" if key.kind == "lower" else "upper"
-                bound = self._value(key, term.bound(side, mode.model, part.stop - part.start))
-                p[part] = np.where(np.isfinite(bound), bound, 0.0)
-                p[mode.layout.slices[key.has_bound]] = np.isfinite(bound)
+            if part is None:
+                continue
+            side: Literal["lower", "upper"] = "lower" if key.kind == "lower" else "upper"
+            finite = mode.layout.slices[key.has_bound]
+            if term.varies(side):
+                if key in self.replaced:
+                    raise not_a_number(self.replaced[key][0], key, self.where)
+                self.changing.add(key)
+                varying.append(_Varying(k, term, side, part, finite))
+                continue
+            bound = self._value(key, term.bound(side, mode.model, part.stop - part.start))
+            p[part], p[finite] = np.where(np.isfinite(bound), bound, 0.0), np.isfinite(bound)
+        return varying
+
+    def _put_varying(
+        self, p: Array, mode: Lowered, varying: Sequence[_Varying], nodes: Sequence[Node], phase: Phase
+    ) -> None:
+        """Write bounds that vary over a phase into the parameters of its nodes, (n, np)."""
+        times = [PhaseTime(node.phase_time, phase.duration, phase.name, mode.model) for node in nodes]
+        for row, at in zip(p, times, strict=True):
+            for each in varying:
+                bound = each.term.bound_at(each.side, at, each.bound.stop - each.bound.start)
+                row[each.bound], row[each.finite] = np.where(np.isfinite(bound), bound, 0.0), np.isfinite(bound)
+        check_bounds(mode, self.terms, p, times.__getitem__)
 
     def _fixed(self, k: int, term: Cost, size: int, labels: tuple[str, ...]) -> Array:
         """Return a cost's own target, (size,).

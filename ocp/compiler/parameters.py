@@ -21,13 +21,13 @@ class Parameters(Mapping[str, Array]):
     """The parameters of a compiled problem: name → present value (size,).
 
     The names are those of :meth:`Problem.with_parameters`. Numbers that follow from the motion at each node (contacts,
-    footholds, targets along the path) are not among them. If a parameter differs by phase, its value is that of the
-    first phase where it applies. A bound may be infinite.
+    footholds, targets along the path) and bounds that vary over a phase are not among them. If a parameter differs by
+    phase, its value is that of the first phase where it applies. A bound may be infinite.
 
     Args:
         phases: the phases of the compiled problem.
         terms: its costs and constraints.
-        changing: slots of models whose values follow from the motion.
+        changing: slots of models whose values follow from the motion, and bounds that vary over a phase.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Parameters(Mapping[str, Array]):
             raise UnknownNameError(where, "parameter", name, self)
         key = self._names[name]
         if key in self._changing:
-            raise follows_from_motion(name, where)
+            raise not_a_number(name, key, where)
         return key
 
     def size(self, name: str) -> int:
@@ -124,8 +124,13 @@ class Parameters(Mapping[str, Array]):
         return f"Parameters({dict(self)})"
 
 
-def follows_from_motion(name: str, where: str) -> ProblemError:
-    """Return the error of a slot whose values the model sets itself at each node."""
+def not_a_number(name: str, key: ParameterKey, where: str) -> ProblemError:
+    """Return the error of a slot that follows from the motion, or of a bound that varies over a phase."""
+    if key.is_bound:
+        return ProblemError(
+            f"{where}, parameter '{name}': varies over a phase - got a number for it, expected none; declare the "
+            "constraint with another function in ocp.over_phase, or with a number"
+        )
     return ProblemError(
         f"{where}, parameter '{name}': follows from the motion - got a number for it, expected none; change the "
         "motion's phases or targets, the time step, or the options of the model"

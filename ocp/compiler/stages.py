@@ -26,12 +26,14 @@ class Stages:
         samples: the motion at the nodes (N+1).
         acting: the motion where the stages take what acts during them, and at the last node (N+1).
         tracked: targets of the costs of each stage and of the last node (N+1).
+        acts: times of ``acting`` (N+1) [s].
     """
 
     intervals: tuple[PlacedPhase, ...]
     samples: tuple[Sample, ...]
     acting: tuple[Sample, ...]
     tracked: tuple[Sample, ...]
+    acts: tuple[float, ...]
 
 
 def stages_of(span: HorizonPhase, times: Array, placed: list[PlacedPhase], path: Path) -> Stages:
@@ -48,12 +50,13 @@ def stages_of(span: HorizonPhase, times: Array, placed: list[PlacedPhase], path:
     begins.append(span.interval if model.cut_by_modes else path.interval_before(last))
     samples = tuple(path.sample(float(t), interval) for t, interval in zip(times, begins, strict=True))
     if not model.acting:
-        return Stages(tuple(begins), samples, samples, samples)
+        return Stages(tuple(begins), samples, samples, samples, tuple(map(float, times)))
     middles = [float(t) + span.segment.dt / 2 for t in times[:-1]]
     inside = [span.interval_at(t, placed) for t in middles]
     acting = tuple(path.sample(t, interval) for t, interval in zip(middles, inside, strict=True))
     tracked = tuple(with_acting(model, *both) for both in zip(samples[:-1], acting, strict=True))
-    return Stages((*inside, begins[-1]), samples, (*acting, samples[-1]), (*tracked, samples[-1]))
+    acts = (*middles, last)
+    return Stages((*inside, begins[-1]), samples, (*acting, samples[-1]), (*tracked, samples[-1]), acts)
 
 
 def with_acting(model: ModelBase, start: Sample, middle: Sample) -> Sample:

@@ -27,6 +27,9 @@ from .model import Slot as Slot
 from .model import SplitStep as SplitStep
 from .model import model_of as model_of
 from .motion import Motion as Motion
+from .over_phase import OverPhase as OverPhase
+from .over_phase import PhaseTime as PhaseTime
+from .over_phase import over_phase as over_phase
 from .own_model import Model as Model
 from .parameter import Parameter as Parameter
 from .parameter import find_parameter as find_parameter

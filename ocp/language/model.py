@@ -65,6 +65,7 @@ class Node:
         steps: number of stages since the start of the motion phase.
         dt: time step [s]; 0 if it is unknown.
         tracked: the targets of costs if they are not ``sample``.
+        phase_time: time since the start of the motion phase [s]; where quantities act during a stage, at its middle.
     """
 
     time: float
@@ -75,6 +76,7 @@ class Node:
     steps: int = 0
     dt: float = 0.0
     tracked: Sample | None = None
+    phase_time: float = 0.0
 
     @property
     def targets(self) -> Sample:

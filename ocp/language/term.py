@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from piaffe.errors import ProblemError, ShapeError
 
+from .over_phase import OverPhase, PhaseTime
 from .quantity import Quantity, match_labels
 from .sending import sendable
 from .source import Source, caller
@@ -202,7 +203,8 @@ class Constraint(Term):
     Args:
         kind: ``"inequality"`` or ``"equality"``.
         function: rows of a node's quantities.
-        lower: lower bounds, numbers or a function of the model; None if there are none.
+        lower: lower bounds: numbers, a function of the model, or one of the time within a phase
+            (:func:`over_phase`); None if there are none.
         upper: the same for upper bounds.
         scale: divisor of the rows and of their violations in reports, in the rows' unit, or a function of the model
             that returns it; None: the natural size of the unit, see :class:`Sizes`, which is 1 for most models.
@@ -257,15 +259,26 @@ class Constraint(Term):
                 f"[{self.unit or '-'}]; give one"
             )
 
+    def varies(self, side: Literal["lower", "upper"]) -> bool:
+        """Return whether the bounds of one side are a function of the time within a phase."""
+        return isinstance(getattr(self, side), OverPhase)
+
+    def bound_at(self, side: Literal["lower", "upper"], at: PhaseTime, size: int) -> Array:
+        """Return bounds that vary over a phase at a time, (size,)."""
+        bound = getattr(self, side)
+        assert isinstance(bound, OverPhase)  # else they do not vary
+        return bound.values(at, size, self.where, f"{side} bound", self.unit)
+
     def bound(self, side: Literal["lower", "upper"], model: Any, size: int) -> Array:
-        """Return the bounds of one side for a model, (size,)."""
+        """Return the bounds of one side for a model, (size,), if they do not vary over a phase."""
         bound = self.lower if side == "lower" else self.upper
         try:
             values = numbers_of(bound(model) if callable(bound) else bound, self.where, f"{side} bound")
         except AttributeError as error:
             raise ProblemError(
                 f"{self.where}: model '{model.name}' has no such limits - got {error}, "
-                f"expected a model of a robot; give {side}= as numbers, or leave the constraint out with .without(...)"
+                f"expected a model of a robot; give {side}= as numbers or, of the time within a phase, as "
+                "ocp.over_phase(function), or leave the constraint out with .without(...)"
             ) from error
         _flat(values, self.where, f"{side} bound", self.unit)
         if values.size not in (1, size) or np.any(np.isnan(values)):
@@ -443,9 +456,10 @@ def inequality(
 ) -> Any:
     """Return the constraint lower ≤ f(s) ≤ upper; usable as a function, or as a decorator with or without arguments.
 
-    Without bounds the constraint is f(s) ≥ 0. Rows that depend only on the state hold at every node, other rows at
-    every stage. ``at_reset`` adds rows on the impulses of impacts, see :class:`ResetRows`. ``positive`` are the names
-    of parameters whose values must be above zero.
+    Without bounds the constraint is f(s) ≥ 0. Bounds are numbers, or :func:`over_phase` of a function of the time
+    within a phase. Rows that depend only on the state hold at every node, other rows at every stage. ``at_reset`` adds
+    rows on the impulses of impacts, see :class:`ResetRows`. ``positive`` are the names of parameters whose values must
+    be above zero.
     """
     if lower is None and upper is None:
         lower = 0.0

@@ -80,13 +80,23 @@ def call(function: Callable[..., Any], where: str, *arguments: Any, **named: Any
     except PiaffeError:
         raise
     except Exception as error:
-        text = " ".join(str(error).split())
-        if "truth value" in text:
-            text = "a symbol has no truth value: use casadi.if_else in place of if, min, max, and, or, not"
-        raise ProblemError(
-            f"{where}: the function fails{_line(error)} - got {type(error).__name__}: {text}, expected an expression "
-            "made with CasADi's functions; fix it"
-        ) from error
+        raise failed(error, where, "an expression made with CasADi's functions; fix it") from error
+
+
+def failed(error: Exception, where: str, expected: str) -> ProblemError:
+    """Return the error of a user's function that fails; it names the line that failed.
+
+    Args:
+        error: what the function raised.
+        where: the declaration of the function.
+        expected: what it should return, and what to do.
+    """
+    text = " ".join(str(error).split())
+    if "truth value" in text:
+        text = "a symbol has no truth value: use casadi.if_else in place of if, min, max, and, or, not"
+    return ProblemError(
+        f"{where}: the function fails{_line(error)} - got {type(error).__name__}: {text}, expected {expected}"
+    )
 
 
 def _line(error: Exception) -> str:

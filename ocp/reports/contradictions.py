@@ -6,14 +6,14 @@ distance between their bounds is the same everywhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiler import CompiledPhase, CompiledProblem, Row
-from ..language import Constraint, ProblemWarning
+from ..language import Constraint, ParameterKey, ProblemWarning
 
 Array = NDArray[np.float64]
 
@@ -61,12 +61,14 @@ def contradictions(compiled: CompiledProblem) -> Iterator[ProblemWarning]:
     seen: set[tuple[int, ...]] = set()
     alike: dict[
         tuple[object, ...], CompiledPhase
-    ] = {}  # bounds do not depend on the phase: one phase of each mode and each set of active rows is enough
+    ] = {}  # one phase of each mode, of each set of active rows and of bounds that vary is enough
+    varying = [key for key in compiled.changing if key.is_bound]
     for phase in compiled.phases:
         masks = (phase.g_mask[0], phase.h_mask[0], phase.end_g_mask, phase.end_h_mask)
-        alike.setdefault((phase.mode, *(mask.tobytes() for mask in masks)), phase)
+        bounds = _bounds(phase, varying)
+        alike.setdefault((phase.mode, bounds.tobytes(), *(mask.tobytes() for mask in masks)), phase)
     for phase in alike.values():
-        for rows, values, equal, node in _tables(phase):
+        for rows, values, equal, node in _tables(phase, _bounds(phase, varying)):
             change = values[1:] - values[0]
             size = np.linalg.norm(change, axis=0)
             for i in map(int, np.flatnonzero(size == 0)):
@@ -102,11 +104,23 @@ def _gap(first: float, second: float, sign: float, first_equal: bool, second_equ
     return max(-(first + second), 0.0) if sign < 0 else 0.0
 
 
-def _tables(phase: CompiledPhase) -> Iterator[tuple[list[Row], Array, NDArray[np.bool_], int]]:
-    """Yield active rows, their values at random points (points, rows), whether they are equalities, and the node."""
+def _bounds(phase: CompiledPhase, varying: Sequence[ParameterKey]) -> Array:
+    """Return the bounds of a phase's stages that vary over phases, and which of them are finite, (n, size)."""
+    slices = phase.mode.layout.slices
+    parts = [slices[key] for bound in varying for key in (bound, bound.has_bound) if key in slices]
+    return np.hstack([np.zeros((len(phase.p), 0)), *(phase.p[:, part] for part in parts)])
+
+
+def _tables(phase: CompiledPhase, bounds: Array) -> Iterator[tuple[list[Row], Array, NDArray[np.bool_], int]]:
+    """Yield active rows, their values at random points (points, rows), whether they are equalities, and the node.
+
+    Of the stages, those are taken whose bounds (n, size) differ from the ones before.
+    """
     rng, mode = np.random.default_rng(0), phase.mode
+    stages = [k for k in range(len(phase.p)) if k == 0 or np.any(bounds[k] != bounds[k - 1])]
     for group, x, p, masks, node in (
-        ("stage", phase.guess_states[0], phase.p[0], {"g": phase.g_mask[0], "h": phase.h_mask[0]}, 0),
+        *(("stage", phase.guess_states[k], phase.p[k], {"g": phase.g_mask[k], "h": phase.h_mask[k]}, k)
+          for k in stages),
         ("terminal", phase.guess_states[-1], phase.p_end, {"g": phase.end_g_mask, "h": phase.end_h_mask},
          phase.num_stages),
     ):  # fmt: skip

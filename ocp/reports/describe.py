@@ -16,6 +16,10 @@ def _table(head: list[str], rows: list[list[str]]) -> list[str]:
     return [lines[0], "-" * max(map(len, lines)), *lines[1:]]
 
 
+def _kind(term: Constraint) -> str:
+    return f"{term.kind}, bounds over phases" if term.varies("lower") or term.varies("upper") else term.kind
+
+
 def describe(compiled: CompiledProblem) -> str:
     """Return the text that ``print(problem)`` and ``piaffe describe`` show."""
     phases = [
@@ -45,7 +49,7 @@ def describe(compiled: CompiledProblem) -> str:
         for each in at_resets:
             where.append(f"{each.source.name} (impacts)")
             count = max(count, sum(row.term == k for rows in each.rows.values() for row in rows))
-        kind = term.kind if isinstance(term, Constraint) else "cost"
+        kind = _kind(term) if isinstance(term, Constraint) else "cost"
         scope = compiled.scopes[k]
         names = [p.name for p in compiled.phases if term.applies(p.name) and scope in (None, p.interval.phase)]
         span = "all phases" if len(names) == len(compiled.phases) else ", ".join(dict.fromkeys(names))

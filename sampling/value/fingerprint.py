@@ -8,7 +8,7 @@ or rewritten if its results stay the same. The terrain and the robot that the qu
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
 from typing import Any, Literal
@@ -27,6 +27,7 @@ from piaffe.ocp import (
     NodeView,
     ParameterKey,
     Phase,
+    PhaseTime,
     Quantities,
     Quantity,
     call,
@@ -42,6 +43,7 @@ Array = NDArray[np.float64]
 Entries = dict[str, Any]
 
 TOLERANCE = 1e-6  # relative and absolute; numbers that differ by less count as equal
+_TIMES = 9  # at which bounds over a phase are compared
 _SIDES: tuple[Literal["lower", "upper"], ...] = ("lower", "upper")
 _PROBES = 4  # points at which a function is evaluated
 _SETTLED = 10.0  # time after which commands are constant [s]
@@ -230,6 +232,9 @@ def _term(probes: _Probes, k: int, term: Cost | Constraint) -> Entries:
         return {"kind": "cost", **entry, "weights": {name: plain(nodes.weights(k, name, labels)) for name in names}}
     for side in _SIDES if term.kind == "inequality" else ():
         key = ParameterKey(side, term=k)
+        if term.varies(side):
+            entry[side] = {name: plain(values) for name, values in _over_phases(nodes, term, side, len(labels))}
+            continue
         declared = None if getattr(term, side) is None else term.bound(side, nodes.model, len(labels))
         entry[side] = plain(replaced.get(key, declared))
     return {"kind": term.kind, **entry, "scale": plain(term.scale_of(nodes.model)), "phases": names}
@@ -237,9 +242,22 @@ def _term(probes: _Probes, k: int, term: Cost | Constraint) -> Entries:
 
 def _scope(nodes: Nodes, term: Cost | Constraint) -> list[str]:
     """Return the names of the phases that a term belongs to: the one that declares it, or all."""
+    return list(dict.fromkeys(phase.name for phase in _phases(nodes, term)))
+
+
+def _phases(nodes: Nodes, term: Cost | Constraint) -> list[Phase]:
     phases = [phase for piece in nodes.problem.motion.pieces for phase in (*piece.once, *piece.cycle)]
-    own = [p for p in phases if any(term is t for t in (*p.objective, *p.constraints, *p.until))]
-    return list(dict.fromkeys(phase.name for phase in own or phases))
+    return [p for p in phases if any(term is t for t in (*p.objective, *p.constraints, *p.until))] or phases
+
+
+def _over_phases(
+    nodes: Nodes, term: Constraint, side: Literal["lower", "upper"], size: int
+) -> Iterator[tuple[str, list[Array]]]:
+    """Yield the name of each phase in which a term applies, and its bounds at a few times of the phase."""
+    for phase in {phase.name: phase for phase in _phases(nodes, term) if term.applies(phase.name)}.values():
+        shares = np.linspace(0.0, 1.0, _TIMES).tolist()
+        times = [PhaseTime(each * phase.duration, phase.duration, phase.name, nodes.model) for each in shares]
+        yield phase.name, [term.bound_at(side, at, size) for at in times]
 
 
 class _Probes:

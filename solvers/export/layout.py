@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import LoweredMode
+from piaffe.ocp import Constraint, Horizon, LoweredMode
 
 from ..receding import Motions, Plan, RecedingHorizon
 from ..tracking import LowLevel
@@ -51,7 +51,8 @@ def layout_of(mpc: RecedingHorizon | Motions, low: LowLevel, plan: Plan) -> Layo
     Args:
         mpc: the planner.
         low: the low level.
-        plan: a plan of the planner; the limits of its first stage hold where there is no plan.
+        plan: a plan of the planner; the limits of its first stage hold where there is no plan, the widest ones if
+            they vary over phases.
 
     Raises:
         SolverError: the state has no speeds of the controls.
@@ -78,9 +79,11 @@ def layout_of(mpc: RecedingHorizon | Motions, low: LowLevel, plan: Plan) -> Layo
         (quantity.path, quantity.unit, labels if len(labels) == size else tuple(map(str, range(size))))
         for (quantity, size), labels in zip(mode.outputs, mode.output_labels, strict=True)
     )
-    lower, upper = low.rows[mode].limits(phase.states[0], phase.p[0], phase.g_mask[0])
     motions = mpc.names if isinstance(mpc, Motions) else ()
     horizons = tuple(mpc.horizons.values()) if isinstance(mpc, Motions) else (mpc.horizon,)
+    lower, upper = low.rows[mode].limits(phase.states[0], phase.p[0], phase.g_mask[0])
+    for horizon in horizons:
+        lower, upper = _widened(low, phase.states[0], (lower, upper), horizon)
     places: dict[str, list[int]] = {}
     declared: dict[str, float] = {}
     at = int(bool(motions))  # the motion that is asked for comes first
@@ -94,3 +97,26 @@ def layout_of(mpc: RecedingHorizon | Motions, low: LowLevel, plan: Plan) -> Layo
         state, labels, positions, speeds, recorded, lower, upper, declared,
         {name: tuple(own) for name, own in places.items()}, motions,
     )  # fmt: skip
+
+
+def _widened(low: LowLevel, x: Array, limits: tuple[Array, Array], horizon: Horizon) -> tuple[Array, Array]:
+    """Return limits of the controls that also hold at the other times of a motion, lower and upper (nu,).
+
+    Args:
+        low: the low level.
+        x: a state (nx,).
+        limits: those of a first stage; a bound that varies over phases is different at other times.
+        horizon: the motion.
+    """
+    terms = [term for term, _ in horizon.problem.scoped_terms() if isinstance(term, Constraint)]
+    if not any(term.varies("lower") or term.varies("upper") for term in terms):
+        return limits
+    lower, upper = limits
+    for store in horizon.tables.modes:
+        rows = low.rows.get(store.lowered) if isinstance(store.lowered, LoweredMode) else None
+        if rows is None:
+            continue
+        for p, g_mask in zip(store.rows, rows.masks(store.rows)[0], strict=True):
+            found = rows.limits(x, p, g_mask)
+            lower, upper = np.minimum(lower, found[0]), np.maximum(upper, found[1])
+    return lower, upper

@@ -202,11 +202,11 @@ def limits(problem: CompiledProblem) -> tuple[dict[str, Any], ...]:
 def _limit(problem: CompiledProblem, phase: CompiledPhase, k: int) -> dict[str, Any]:
     term = problem.terms[k]
     assert isinstance(term, Constraint)  # picked by the caller
-    slices, bounds = phase.mode.layout.slices, {}
+    slices = phase.mode.layout.slices
+    bounds: dict[str, list[float | None] | None] = {}
     for key in (ParameterKey("lower", term=k), ParameterKey("upper", term=k)):
         if key in slices:
-            has, values = phase.p[0, slices[key.has_bound]], phase.p[0, slices[key]]
-            bounds[key.kind] = [float(v) if h else None for v, h in zip(values, has, strict=True)]
+            bounds[key.kind] = _numbers(phase.p[0, slices[key]], phase.p[0, slices[key.has_bound]])
     own = {key.name: phase.p[0, part] for key, part in slices.items() if key.term == k and key.kind == "parameter"}
     rows = [
         row
@@ -214,9 +214,32 @@ def _limit(problem: CompiledProblem, phase: CompiledPhase, k: int) -> dict[str, 
         for row in phase.mode.rows[group]
         if row.term == k
     ]
+    varying: dict[str, Any] = {
+        key.kind: over_time(problem, k, key) for key in problem.changing if key.is_bound and key.term == k
+    }
+    bounds.update(dict.fromkeys(varying))  # they have no one value
     return {
         "name": term.name, "kind": term.kind, "unit": term.unit, "model": phase.mode.model.name,
         "labels": list(dict.fromkeys(row.label for row in rows)),
         "lower": bounds.get("lower"), "upper": bounds.get("upper"),
         "parameters": {name: own.get(name, value).tolist() for name, value in term.parameters.items()},
+        "over_time": varying,
     }  # fmt: skip
+
+
+def over_time(problem: CompiledProblem, k: int, key: ParameterKey) -> dict[str, list[Any]]:
+    """Return times [s] and bounds of a constraint that vary over phases, at the nodes where it applies."""
+    times: list[float] = []
+    values: list[list[float | None]] = []
+    for phase in problem.phases:
+        if key not in phase.mode.layout.slices:
+            continue
+        part, has = (phase.mode.layout.slices[each] for each in (key, key.has_bound))
+        for t, p, applies in zip(phase.times, np.vstack([phase.p, phase.p_end]), phase.applies[:, k], strict=True):
+            times.append(float(t))
+            values.append(_numbers(p[part], p[has] * applies))
+    return {"times": times, "values": values}
+
+
+def _numbers(values: Array, has: Array) -> list[float | None]:
+    return [float(v) if h else None for v, h in zip(values, has, strict=True)]

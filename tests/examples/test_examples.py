@@ -15,6 +15,7 @@ import pytest
 from piaffe import models, ocp, sampling, simulation, solvers
 from piaffe.models import measures
 from piaffe.simulation import Perturbation, execute
+from piaffe.viz.curves import panels
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FILES = sorted(EXAMPLES.glob("*.py"))
@@ -46,6 +47,15 @@ def checked(problem, solution):
     assert found.max_inequality <= 1e-3
     assert found.holds  # slip and height of standing feet, and flights, too
     return found
+
+
+def check_drawn_turns(solution, declared):
+    """Assert that roll, pitch, yaw of the figure have no jumps, and end as declared, as their targets do."""
+    drawn = next(panel for panel in panels(solution) if panel.title == "Base orientation").curves
+    assert [curve.values[-1] for curve in drawn] == pytest.approx(declared, abs=0.1)
+    assert [curve.target[-1] for curve in drawn] == pytest.approx(declared, abs=1e-9)
+    assert max(np.abs(np.diff(curve.values)).max() for curve in drawn) < 0.15  # [rad], in a step of 10 ms
+    assert max(np.abs(np.diff(curve.target)).max() for curve in drawn) < 0.15
 
 
 # ---- all of them
@@ -167,6 +177,7 @@ def test_the_roll_rolls_once_within_every_limit(load):
     solution = solvers.MSiLQR(problem).solve().raise_if_failed()
     checked(problem, solution)
     assert measures.turns(solution.trajectory) == pytest.approx([2 * pi, 0, 0], abs=0.05)
+    check_drawn_turns(solution, [2 * pi, 0, 0])
     assert 0.38 < measures.apex(solution.trajectory) < 0.60
     assert np.abs(solution.controls).max() <= 17 + 1e-3
     impacts = measures.impacts(solution.trajectory)
@@ -182,6 +193,7 @@ def test_the_flip_turns_once_backwards_and_keeps_its_knees_off_the_ground(load):
     solution = solvers.MSiLQR(problem).solve().raise_if_failed()
     checked(problem, solution)
     assert measures.turns(solution.trajectory) == pytest.approx([0, -2 * pi, 0], abs=0.1)
+    check_drawn_turns(solution, [0, -2 * pi, 0])
     assert measures.apex(solution.trajectory) > 0.45
     for leg in load("backflip").robot.foot_names:
         knee = models.frames[f"{leg}_KFE"].position

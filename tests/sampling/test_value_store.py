@@ -204,6 +204,21 @@ def test_functions_are_told_apart_by_what_they_say_not_by_how(trot: Any) -> None
     assert differences(first, entries(lambda s: (s.joints.velocity - size) ** 2)) == []
 
 
+def test_bounds_over_a_phase_are_compared_by_their_values(trot: Any) -> None:
+    def made(function: Any) -> Any:
+        problem = trot.nodes.problem
+        limits = ocp.Constraints(models.joint_range("HAA", upper=ocp.over_phase(function)))
+        own = ocp.Problem(problem.motion, problem.schedule, problem.objective, limits, initial=problem.initial)
+        entries = fingerprint(Nodes(own), trot.reward, trot.options, ValueInputs())
+        return json.loads(json.dumps(entries))["constraints"]["HAA range"]
+
+    first = made(lambda at: 0.3 + 0.1 * at.share)
+    names = {phase.name for phase in trot.nodes.problem.motion.pieces[0].phases}
+    assert {name: entry[0] for name, entry in first["upper"].items()} == {name: [0.3] * 4 for name in names}
+    assert differences(first, made(lambda at: 0.1 * at.t / at.duration + 0.3)) == []
+    assert differences(first, made(lambda at: 0.3 + 0.1 * at.share**2)) != []
+
+
 @pytest.mark.parametrize(
     ("declared", "names"),
     [

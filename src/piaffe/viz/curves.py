@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.models import measures
-from piaffe.ocp import Quantity, rotation
+from piaffe.ocp import Quantity
 
+from .angles import continuous_rpy
 from .style import AXES, LEGS, colours
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ class Panel:
         title: title of the diagram. unit: unit of the vertical axis.
         curves: the curves.
         bounds: distinct (lower, upper) of the curves, None where there is no bound.
+        moving_bounds: bounds that vary over phases, as times [s] and values (n,) each.
         legend: whether a legend is needed; curves of legs need none, because they have the colours of the contact bars.
     """
 
@@ -62,6 +64,7 @@ class Panel:
     unit: str
     curves: tuple[Curve, ...]
     bounds: tuple[tuple[float | None, float | None], ...] = field(default=())
+    moving_bounds: tuple[tuple[Array, Array], ...] = field(default=())
     legend: bool = True
 
 
@@ -149,7 +152,7 @@ def _panels(solution: Solution, quantity: Quantity, held: bool) -> Iterator[Pane
     path = quantity.path
     if path.startswith("joints."):
         feet = feet_of(solution)
-        bounds = _bounds(solution, path, quantity.unit, labels)
+        bounds, moving = _bounds(solution, path, quantity.unit, labels), _moving(solution, path, quantity.unit, labels)
         for kind, indices, names in _by_kind(labels, feet):
             palette = [LEGS[feet.index(name) % len(LEGS)] if name in feet else LEGS[0] for name in names]
             if not any(name in feet for name in names):
@@ -164,16 +167,17 @@ def _panels(solution: Solution, quantity: Quantity, held: bool) -> Iterator[Pane
                     for n, i, c in zip(names, indices, palette, strict=True)
                 ),
                 tuple(dict.fromkeys(bounds[i] for i in indices)),
+                _distinct(moving, indices),
                 legend=not all(name in feet for name in names),
             )
         return
     shown = ("roll", "pitch", "yaw") if quantity.kind == "rotation" else labels
     palette = list(AXES) if len(shown) == 3 else colours(len(shown))
-    bounds = _bounds(solution, path, quantity.unit, labels)
+    bounds, moving = _bounds(solution, path, quantity.unit, labels), _moving(solution, path, quantity.unit, labels)
     yield Panel(
         _TITLES.get(path, path), quantity.unit,
         tuple(_curve(shown[i], i, times, values, targets, palette[i], held) for i in range(len(shown))),
-        tuple(dict.fromkeys(bounds)), legend=any(shown),
+        tuple(dict.fromkeys(bounds)), _distinct(moving, range(len(labels))), legend=any(shown),
     )  # fmt: skip
 
 
@@ -202,27 +206,28 @@ def _gather(solution: Solution, quantity: Quantity, held: bool) -> tuple[tuple[s
             values.append(np.concatenate([table, table[-1:]]))
             targets.append(None)
         else:
-            values.append(_plain(quantity, part.states[:, where]))
-            targets.append(_plain(quantity, policy.target_states[:, where]))
-    size = len(labels)
+            values.append(part.states[:, where])
+            targets.append(policy.target_states[:, where])
+    rotates = quantity.kind == "rotation"
+    size = 4 if rotates else len(labels)
 
     def joined(tables: list[Array | None]) -> Array:
         filled = [np.full((len(t), size), np.nan) if v is None else v for t, v in zip(times, tables, strict=True)]
-        return _unwrapped(np.concatenate(filled)) if quantity.kind == "rotation" else np.concatenate(filled)
+        return np.concatenate(filled)
 
-    return labels, np.concatenate(times), joined(values), None if held else joined(targets)
+    found, aims = joined(values), None if held else joined(targets)
+    if rotates:
+        found, aims = _angles(found, aims)
+    return labels, np.concatenate(times), found, aims
 
 
-def _plain(quantity: Quantity, values: Array) -> Array:
-    return rotation.np_to_rpy(values) if quantity.kind == "rotation" else values
-
-
-def _unwrapped(angles: Array) -> Array:
-    """Return angles without jumps of 2π, (n, 3); NaN stays NaN."""
-    out = angles.copy()
-    known = np.all(np.isfinite(angles), axis=1)
-    out[known] = np.unwrap(angles[known], axis=0)
-    return out
+def _angles(found: Array, aims: Array | None) -> tuple[Array, Array | None]:
+    """Return roll, pitch, yaw of orientations and of their targets; at the start those of the target are near."""
+    if aims is None:
+        return continuous_rpy(found), None
+    wanted = continuous_rpy(aims)
+    first = wanted[np.all(np.isfinite(wanted), axis=1)][:1]
+    return continuous_rpy(found, first[0] if first.size else None), wanted
 
 
 def _by_kind(labels: Sequence[str], feet: Sequence[str]) -> Iterator[tuple[str, list[int], list[str]]]:
@@ -245,6 +250,21 @@ def _bounds(solution: Solution, path: str, unit: str, labels: Sequence[str]) -> 
             lower, upper = (limit[side] or [None] * len(labels) for side in ("lower", "upper"))
             return list(zip(lower, upper, strict=True))
     return [(None, None)] * len(labels)
+
+
+def _moving(solution: Solution, path: str, unit: str, labels: Sequence[str]) -> list[tuple[Array, Array]]:
+    """Return times (n,) and values (n, size) of each side of a declared limit that varies over phases."""
+    for limit in solution.limits:
+        if limit.get("over_time") and _bounds_components(limit, path, unit, labels):
+            sides = limit["over_time"].values()
+            return [(np.array(s["times"]), np.array(s["values"], dtype=float).reshape(-1, len(labels))) for s in sides]
+    return []
+
+
+def _distinct(moving: Sequence[tuple[Array, Array]], indices: Iterable[int]) -> tuple[tuple[Array, Array], ...]:
+    """Return the bounds of some components over time, each once."""
+    found = {values[:, i].tobytes(): (times, values[:, i]) for times, values in moving for i in indices}
+    return tuple(found.values())
 
 
 def _bounds_components(limit: Mapping[str, object], path: str, unit: str, labels: Sequence[str]) -> bool:

@@ -60,6 +60,10 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
             if near or panel.curves[0].held:  # limits of controls are always shown
                 low, high = min(low, bound), max(high, bound)
                 axes.axhline(bound, color=BOUND, lw=0.8, ls=(0, (4, 2)), zorder=1)
+    for times, values in panel.moving_bounds:
+        axes.plot(times, values, color=BOUND, lw=0.8, ls=(0, (4, 2)), zorder=1)
+        if np.any(np.isfinite(values)):
+            low, high = min(low, np.nanmin(values)), max(high, np.nanmax(values))
     margin = 0.05 * (high - low)
     axes.set_ylim(low - margin, high + margin)
     axes.set_title(panel.title)
