@@ -11,7 +11,8 @@ Array = NDArray[np.float64]
 Plane = tuple[Array, Array]
 """A point of a plane [m] and its unit normal, which points away from the ground, (3,) each."""
 
-_DEEP = 1.0  # [m], how far the plane is below a foot beside which there is nothing
+DEEP = 1.0
+"""How far the plane is below a foot beside which there is nothing [m]."""
 
 
 def planes_about(terrain: Terrain, place: Array, radius: float) -> tuple[Plane, Plane]:
@@ -61,4 +62,4 @@ def within(terrain: Terrain, place: Array, radius: float) -> Plane:
 
 def none_beside(place: Array) -> Plane:
     """Return a plane that is far below a foot."""
-    return np.array([*place[:2], place[2] - _DEEP]), np.array([0.0, 0.0, 1.0])
+    return np.array([*place[:2], place[2] - DEEP]), np.array([0.0, 0.0, 1.0])

@@ -69,7 +69,7 @@ class Horizon:
         self.falls = Falls(compilation, calendar, samples.at)
         self.acting = tuple(self.targets.acting_copies(model) for model in self.models)
         pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
-        self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)
+        self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed, samples.placed)
         self._phases = Phases(compilation, self.layout, self.tables, self.courses, self.state_copies, self.acting)
         self.first = self.at(self.begin(problem.initial, 0.0), problem.initial)
         compilation.check_bound(self.first.phases, complete=False)

@@ -76,6 +76,7 @@ typedef struct {
     const Mode *const *mode_tables;
     const Transition *const *transition_tables;
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
+    function placed;                    /* of a sample and the plan's frame in the world: what depends on the world; 0 if nothing does */
     int (*solve)(Problem *, int), (*policy)(Problem *);
     void (*adapt)(Problem *, int, double);
     int lean;                           /* plans have only what low levels and the next plan read */
