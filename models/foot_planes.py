@@ -41,7 +41,7 @@ def foot_planes(swings: Sequence[FootSwing], ground: PlacedGround) -> dict[Quant
     """
     stood, over, beside, heights = [], [], [], []
     for swing in swings:
-        plane = _between(swing, ground)
+        plane = plane_between(swing, ground)
         above, aside = ground.about(swing.place)
         lands, stands = swing.lands > 0.5, swing.stands > 0.5
         above = _chosen(cs.logic_or(lands, stands), plane, above)
@@ -59,8 +59,8 @@ def foot_planes(swings: Sequence[FootSwing], ground: PlacedGround) -> dict[Quant
     }
 
 
-def _between(swing: FootSwing, ground: PlacedGround) -> PlaneExpression:
-    """Return the plane of a foot, in the air between those of its stances."""
+def plane_between(swing: FootSwing, ground: PlacedGround) -> PlaneExpression:
+    """Return the plane of a foot where it stands, in the air that between those of its stances."""
     (point, normal), (end, other), s = ground.surface(swing.first), ground.surface(swing.last), swing.share
     mixed = (1 - s) * normal + s * other
     still = s <= 0

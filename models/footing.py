@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from piaffe.ocp import SAME_TIME, AddedTargets, Path, PlacedPhase, Quantity, Sample, split_entries
 
-from .foot_planes import FootSwing, foot_planes
+from .foot_planes import FootSwing, foot_planes, plane_between
 from .kinematics import Kinematics
 from .obstacles import Plane, none_beside, planes_about, within
 from .placed_ground import PlacedGround
@@ -119,15 +119,25 @@ class Footing(AddedTargets):
         return (_STEPS, 9 * count), (_PROGRESS, 3 * count)
 
     def placed(self, entries: tuple[tuple[Quantity, int], ...]) -> cs.Function:
-        """Return the function that takes the planes, and the heights above them, where the steps are in the world."""
+        """Return the function that takes the planes where the steps are in the world.
+
+        The heights of the other targets go with them: that of a foot with its plane, that of the base with the mean.
+        """
         s, anchor = cs.SX.sym("s", sum(size for _, size in entries)), cs.SX.sym("anchor", 3)
-        values = split_entries(s, entries)
-        swings = []
+        values, ground = split_entries(s, entries), PlacedGround(self.terrain, self._radius, anchor)
+        swings, rises = [], []
         for steps, progress in zip(cs.vertsplit(values[_STEPS], 9), cs.vertsplit(values[_PROGRESS], 3), strict=True):
-            swings.append(FootSwing(*cs.vertsplit(steps, 3), *cs.vertsplit(progress)))
-        found = foot_planes(swings, PlacedGround(self.terrain, self._radius, anchor))
-        placed = cs.vertcat(*(found.get(quantity, value) for quantity, value in values.items()))
-        return cs.Function("placed", [s, anchor], [cs.densify(placed)], {"cse": True})
+            declared = FootSwing(*cs.vertsplit(steps, 3), *cs.vertsplit(progress))
+            between = declared.first[2] + declared.share * (declared.last[2] - declared.first[2])
+            rises.append(plane_between(declared, ground)[0][2] - between)
+            swings.append(declared._replace(place=declared.place + cs.vertcat(0, 0, rises[-1])))
+        found = foot_planes(swings, ground)
+        if base.position in values:
+            found[base.position] = values[base.position] + cs.vertcat(0, 0, sum(rises) / len(rises))
+        if feet.position in values:
+            found[feet.position] = values[feet.position] + cs.vertcat(*(cs.vertcat(0, 0, rise) for rise in rises))
+        moved = cs.vertcat(*(found.get(quantity, value) for quantity, value in values.items()))
+        return cs.Function("placed", [s, anchor], [cs.densify(moved)], {"cse": True})
 
     # ---- stances
 

@@ -15,7 +15,7 @@ from ..compiler.compiled import CompiledProblem
 from ..compiler.mode import Row
 from ..compiler.transition import LoweredTransition
 from ..language import ORIGIN, Problem, model_of, relative
-from .calendar import Calendar
+from .calendar import Calendar, Place
 from .checks import checked_commands, checked_state, refuse_modes_inside
 from .course import Course, Courses
 from .falls import Falls
@@ -177,6 +177,14 @@ class Horizon:
             path=compilation.path, unbound=compilation.unbound, changing=frozenset(compilation.numbers.changing),
             lowered=0, compile_s=0.0,
         )  # fmt: skip
+
+    def landing_state(self, course: Course, place: Place) -> Array:
+        """Return the state of the targets at the end of a phase, (nx,), in the frame of a course."""
+        sample = self.courses.samples(course, [(place, place.start + self.calendar.entries[place.entry].length)])[0]
+        own, space = self.state_copies[0], self.models[0].state
+        x = np.zeros(space.nx)
+        x[list(own.to)] = sample[list(own.of)]
+        return space.np_normalise(x)
 
     def arrival(self, course: Course, k: int | None = None) -> tuple[LoweredTransition, Array] | None:
         """Return the impact at the present, or at a later tick k, and its parameters; None if no landing is then.

@@ -104,6 +104,7 @@ class HorizonMemory(Keeper):
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
             clock=ct.cast(solver.piaffe_now, ct.c_void_p),
             adapt=ct.cast(solver.piaffe_adapt, ct.c_void_p),
+            follows=int(horizon.falls.follows),
             num_lanes=3 + max(  # functions that do not depend on the plan's place in the world get it, too
                 sum(f.numel_in(i) for i in range(f.n_in())) + sum(f.numel_out(i) for i in range(f.n_out()))
                 for f in code.functions.values()

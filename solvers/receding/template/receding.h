@@ -80,6 +80,7 @@ typedef struct {
     int (*solve)(Problem *, int), (*policy)(Problem *);
     void (*adapt)(Problem *, int, double);
     int lean;                           /* plans have only what low levels and the next plan read */
+    int follows;                        /* whether the heights of landings are those of samples, and not those of the entries */
     int num_lanes, num_work;            /* vectors that go into and out of a function of these tables, and that it works with */
     double (*clock)(const Problem *);   /* seconds */
     const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
