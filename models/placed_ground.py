@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import casadi as cs
 
-from .obstacles import DEEP
+from .obstacles import DEEP, SAME_PLACE
 from .terrain import Terrain, clear_expression, side_expression, standing_expression, surface_expression
 
 _FAR = 1e6  # [m], in place of infinite distances
@@ -58,7 +58,7 @@ class PlacedGround:
         for box in self.terrain.boxes:
             gap, outward = side_expression(box, world)
             beside = gap >= place[2] - box.height
-            nearer = cs.logic_and(beside, gap < nearest)
+            nearer = cs.logic_and(beside, gap < nearest - SAME_PLACE)
             nearest = cs.if_else(nearer, gap, nearest)
             at = cs.if_else(nearer, cs.vertcat(world - gap * outward, box.height), at)
             outwards = cs.if_else(nearer, cs.vertcat(outward, 0), outwards)
@@ -72,7 +72,7 @@ class PlacedGround:
         at, outwards = cs.vertcat(world, place[2] - DEEP), cs.SX([0, 0, 1])
         for box in self.terrain.boxes:
             gap, outward = side_expression(box, world)
-            nearer = cs.logic_and(cs.fabs(gap) >= self.radius, cs.fabs(gap) < nearest)
+            nearer = cs.logic_and(cs.fabs(gap) >= self.radius, cs.fabs(gap) < nearest - SAME_PLACE)
             nearest = cs.if_else(nearer, cs.fabs(gap), nearest)
             at = cs.if_else(nearer, cs.vertcat(world - gap * outward, box.height), at)
             outwards = cs.if_else(nearer, cs.vertcat(cs.sign(gap) * outward, 0), outwards)

@@ -314,7 +314,10 @@ class BoundGait(BoundReference):
     def _made_footsteps(self, schedule: ContactSchedule, start: Array, ground: float, swing: float) -> Footsteps:
         if isinstance(self.ground, Flat):
             return Footsteps(schedule, start, ground, swing, self._footholds)
-        return TerrainFootsteps(schedule, start, ground, swing, self._footholds, self.ground, self.robot.foot_radius)
+        return TerrainFootsteps(
+            schedule, start, ground, swing, self._footholds, self.ground, self.robot.foot_radius,
+            float(self.kinematics.reach.min()),
+        )  # fmt: skip
 
     def _first_feet(self, start: Sample) -> Array:
         if feet.position in start:

@@ -21,6 +21,8 @@ RISER = 0.03
 ABOVE = 0.015
 """A swing passes at least this far above the edges between two footholds [m]."""
 
+RISE = 0.25
+"""Edges raise a swing at most by this share of the leg's reach: a foot that stands at a riser cannot go up beside it."""
 EVEN = 2e-3
 """Ground that sticks out this far from the line between two footholds has no edge [m]."""
 SHARES = np.linspace(0.05, 0.95, 37)
@@ -34,14 +36,15 @@ class TerrainFootsteps(Footsteps):
         schedule, start, ground, swing_height, foothold: as for :class:`Footsteps`.
         terrain: the ground.
         radius: of the feet [m].
+        reach: of the shortest leg [m].
     """
 
     def __init__(
         self, schedule: ContactSchedule, start: Array, ground: float, swing_height: float, foothold: Foothold,
-        terrain: Terrain, radius: float,
+        terrain: Terrain, radius: float, reach: float,
     ) -> None:  # fmt: skip
         super().__init__(schedule, start, ground, swing_height, foothold)
-        self.terrain, self.radius = terrain, radius
+        self.terrain, self.radius, self._reach = terrain, radius, reach
 
     def ground(self, t: Array) -> tuple[Array, Array]:
         """Return the height of the ground of each foot, and its rate, (S, nf) each [m, m/s].
@@ -64,8 +67,9 @@ class TerrainFootsteps(Footsteps):
 
     def _like(self, foothold: Foothold) -> Footsteps:
         return TerrainFootsteps(
-            self.schedule, self._start, self._ground, self._swing_height, foothold, self.terrain, self.radius
-        )
+            self.schedule, self._start, self._ground, self._swing_height, foothold, self.terrain, self.radius,
+            self._reach,
+        )  # fmt: skip
 
     def _on_ground(self, holds: Array) -> Array:
         """Return where feet stand at places: with their balls on the ground."""
@@ -95,5 +99,6 @@ class TerrainFootsteps(Footsteps):
             sticks_out = np.max(below - (ends[0] + shares * (ends[1] - ends[0])), axis=1) > EVEN
             meets = sticks_out & (needed > end + ABOVE)  # higher ground than at this end of the swing
             if meets.any():
-                apexes[i] = max(apexes[i], float(np.max((end + (needed - end) / lift)[meets])))
+                wanted = float(np.max((end + (needed - end) / lift)[meets]))
+                apexes[i] = max(apexes[i], min(wanted, apexes[i] + RISE * self._reach))
         return apexes

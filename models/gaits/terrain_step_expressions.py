@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as cs
+import numpy as np
 
 from piaffe.ocp import Quantity
 
@@ -14,7 +15,7 @@ from ..placed_ground import PlacedGround
 from ..terrain import Incline
 from .memory import GaitMemory
 from .step_expressions import StepExpressions, Swing, cubic
-from .terrain_footsteps import ABOVE, EDGE, EVEN, RISER, SHARES
+from .terrain_footsteps import ABOVE, EDGE, EVEN, RISE, RISER, SHARES
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class TerrainStepExpressions(StepExpressions):
             out = cs.fmax(cs.fmax(sticks_out[0], sticks_out[1]), sticks_out[2])
             meets = cs.logic_and(out > EVEN, needed > end + ABOVE)
             apex = cs.fmax(apex, cs.if_else(meets, end + (needed - end) / lift, lowest))
-        return apex
+        return cs.fmin(apex, lowest + RISE * float(np.min(self.reach)))
 
     def planes(self, swings: Sequence[Swing]) -> dict[Quantity, cs.SX]:
         """Return the planes of all feet and their heights above them, see :func:`.foot_planes`."""
