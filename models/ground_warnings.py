@@ -62,7 +62,7 @@ def feet_off_ground(
 
 
 def heights_off_ground(
-    robot: Robot, terrain: Terrain, names: Iterable[str], position: Array, orientation: Array, angles: Array,
+    robot: Robot, terrain: Terrain, names: Iterable[str], position: Array, orientation: Array, angles: Array, *,
     least: float = OFF_GROUND,
 ) -> dict[str, float]:  # fmt: skip
     """Return the heights above the ground [m] of those feet that are farther than a distance from it.
@@ -101,17 +101,17 @@ def _start(
         allowed = ", ".join(f"{robot.joint_lower[i]:.3f} to {robot.joint_upper[i]:.3f} rad" for i in beyond)
         yield ProblemWarning(
             where,
-            f"joint of the initial state beyond its limit - got {joint}, expected {allowed}; build the initial state of "
-            f"'{robot.name}' with the model's state(joints=...)",
+            f"joint of the initial state beyond its limit - got {joint}, expected {allowed}; build the initial state "
+            f"of '{robot.name}' with the model's state(joints=...)",
             first.phase.source,
         )
     above = list(heights_off_ground(robot, terrain, names, *pose, least=ALL_OFF_GROUND).values())
     if not got and len(above) == len(names) and abs(sum(np.sign(above))) == len(names) > 1:
-        side = "above" if above[0] > 0 else "below"
+        side, gaps = "above" if above[0] > 0 else "below", [abs(height) for height in above]
         yield ProblemWarning(
             where,
-            f"all standing feet are off the ground - got {min(map(abs, above)):.3f} to {max(map(abs, above)):.3f} m {side} "
-            f"it, expected at most {ALL_OFF_GROUND} m; is it the state of another robot? Build that of "
+            f"all standing feet are off the ground - got {min(gaps):.3f} to {max(gaps):.3f} m {side} it, expected at "
+            f"most {ALL_OFF_GROUND} m; is it the state of another robot? Build that of "
             f"'{robot.name}' with the model's state(joints=...)",
             first.phase.source,
         )

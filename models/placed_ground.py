@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as cs
@@ -32,6 +33,11 @@ class PlacedGround:
     def height(self, place: cs.SX) -> cs.SX:
         """Return the height of the ground at a place (2, 1) [m]."""
         return surface_expression(self.terrain, self._world(place)).height
+
+    def heights_between(self, first: cs.SX, last: cs.SX, shares: Sequence[cs.SX]) -> list[cs.SX]:
+        """Return the heights of the ground on the way between two places (2, 1), at shares of it [m]."""
+        start, end = self._world(first), self._world(last)
+        return [surface_expression(self.terrain, start + share * (end - start)).height for share in shares]
 
     def surface(self, place: cs.SX) -> PlaneExpression:
         """Return the plane of the ground at a place (2, 1), as :meth:`Terrain.surface`."""

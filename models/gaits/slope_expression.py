@@ -65,9 +65,7 @@ def slope_expression(points: Sequence[GroundPoint], path: PathExpression, tau: c
     posture = cs.vertcat(height, cs.asin(left / steep), -cs.atan(ahead))
     roll_rate = (rise * left_rate - left * ahead * ahead_rate) / (cs.sqrt(rise) * steep**2)
     upward = cs.vertcat(-slope, 1)
-    return SlopeExpression(
-        posture, cs.vertcat(climb, roll_rate, -ahead_rate / rise), mean, upward / cs.norm_2(upward)
-    )
+    return SlopeExpression(posture, cs.vertcat(climb, roll_rate, -ahead_rate / rise), mean, upward / cs.norm_2(upward))
 
 
 def _solved(matrix: cs.SX, right: cs.SX) -> cs.SX:

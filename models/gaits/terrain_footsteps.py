@@ -22,7 +22,7 @@ ABOVE = 0.015
 """A swing passes at least this far above the edges between two footholds [m]."""
 
 RISE = 0.25
-"""Edges raise a swing at most by this share of the leg's reach: a foot that stands at a riser cannot go up beside it."""
+"""Edges raise a swing at most by this share of the leg's reach: a foot at a riser cannot go up beside it."""
 EVEN = 2e-3
 """Ground that sticks out this far from the line between two footholds has no edge [m]."""
 SHARES = np.linspace(0.05, 0.95, 37)

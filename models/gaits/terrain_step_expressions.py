@@ -13,8 +13,9 @@ from piaffe.ocp import Quantity
 from ..foot_planes import FootSwing, foot_planes
 from ..placed_ground import PlacedGround
 from ..terrain import Incline
+from .footsteps import cubic
 from .memory import GaitMemory
-from .step_expressions import StepExpressions, Swing, cubic
+from .step_expressions import StepExpressions, Swing
 from .terrain_footsteps import ABOVE, EDGE, EVEN, RISE, RISER, SHARES
 
 
@@ -46,17 +47,16 @@ class TerrainStepExpressions(StepExpressions):
         lowest = super().apex(first, last)
         if isinstance(self.placed.terrain, Incline):
             return lowest
-        radius, step, apex = self.placed.radius, last[:2] - first[:2], lowest
-        far = cs.fmax(cs.norm_2(step), 1e-9)
+        radius, apex = self.placed.radius, lowest
+        ball = radius / cs.fmax(cs.norm_2(last[:2] - first[:2]), 1e-9)  # its radius as a share of the way
         ends = self.placed.height(first), self.placed.height(last)
-        for time in map(float, SHARES):
-            lift, _ = cubic(2 * time if time < 0.5 else 2 - 2 * time)
-            end = first[2] if time < 0.5 else last[2]
-            below, sticks_out = [], []
-            for side in (-1.0, 0.0, 1.0):  # across the ball
-                share = cs.fmin(cs.fmax(cubic(time)[0] + side * radius / far, 0), 1)
-                below.append(self.placed.height(first[:2] + share * step))
-                sticks_out.append(below[-1] - (ends[0] + share * (ends[1] - ends[0])))
+        rises = SHARES < 0.5
+        lifts, _ = cubic(np.where(rises, 2 * SHARES, 2 - 2 * SHARES))
+        for middle, lift, rising in zip(cubic(SHARES)[0].tolist(), lifts.tolist(), rises, strict=True):
+            end = first[2] if rising else last[2]
+            shares = [cs.fmin(cs.fmax(middle + side * ball, 0), 1) for side in (-1.0, 0.0, 1.0)]  # across the ball
+            below = self.placed.heights_between(first, last, shares)
+            sticks_out = [z - (ends[0] + share * (ends[1] - ends[0])) for z, share in zip(below, shares, strict=True)]
             needed = cs.fmax(cs.fmax(below[0], below[1]), below[2]) + radius + ABOVE
             out = cs.fmax(cs.fmax(sticks_out[0], sticks_out[1]), sticks_out[2])
             meets = cs.logic_and(out > EVEN, needed > end + ABOVE)

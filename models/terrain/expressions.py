@@ -43,7 +43,7 @@ def surface_expression(terrain: Terrain, place: cs.SX) -> SurfaceExpression:
 
 
 def standing_expression(terrain: Terrain, place: cs.SX, radius: float) -> cs.SX:
-    """Return the centre (3, 1) of a ball that touches the ground above or below a place, as :meth:`Terrain.standing`."""
+    """Return the centre (3, 1) of a ball that touches the ground at a place, as :meth:`Terrain.standing`."""
     ground = surface_expression(terrain, place)
     return cs.vertcat(place, ground.height + radius / ground.normal[2])
 

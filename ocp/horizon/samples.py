@@ -73,7 +73,7 @@ class Samples:
 
     @property
     def placed(self) -> cs.Function | None:
-        """What gives samples of tables the targets that models add where they are in the world; see ``AddedTargets``."""
+        """What gives samples of tables the added targets that they have in the world; see ``AddedTargets.placed``."""
         entries = tuple(zip(self.targets.quantities, self.targets.sizes, strict=True))
         return next((each.placed(entries) for each in self._added), None)
 
@@ -90,8 +90,8 @@ class Samples:
         first = motion.pieces[number].phases[0]
         raise ProblemError(
             f"motion, phase '{first.name}' ({first.source}): repeats where the ground does not - got a cycle without "
-            f"end of keyframes or a trajectory on {added[0].origin}, expected a finite motion, or a gait, which follows "
-            "the ground; choose a number of cycles with .cycles(n), or leave terrain out of the model"
+            f"end of keyframes or a trajectory on {added[0].origin}, expected a finite motion, or a gait, which "
+            "follows the ground; choose a number of cycles with .cycles(n), or leave terrain out of the model"
         )
 
     def _target_vector(self) -> TargetVector:

@@ -15,11 +15,12 @@ def large_parameters(compiled: CompiledProblem) -> Iterator[ProblemWarning]:
     for k, term in enumerate(compiled.terms):
         for name, (most, advice) in term.usual.items() if isinstance(term, Constraint) else ():
             key = ParameterKey("parameter", name, term=k)
-            parts = [(phase.p, phase.mode.layout.slices[key]) for phase in compiled.phases if key in phase.mode.layout.slices]
-            got = max((float(np.max(p[:, part])) for p, part in parts), default=0.0)
+            parts = ((phase.p, phase.mode.layout.slices.get(key)) for phase in compiled.phases)
+            got = max((float(np.max(p[:, part])) for p, part in parts if part is not None), default=0.0)
             if got > most:
                 yield ProblemWarning(
                     term.where,
-                    f"parameter '{name}' is larger than such numbers are - got {got:g}, expected at most {most:g}; {advice}",
+                    f"parameter '{name}' is larger than such numbers are - got {got:g}, expected at most {most:g}; "
+                    f"{advice}",
                     term.source,
                 )

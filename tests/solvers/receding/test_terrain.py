@@ -1,4 +1,4 @@
-"""A receding horizon on terrain: ticks in C equal those in NumPy, landings are where the ground is, a robot climbs."""
+"""A receding horizon on terrain: ticks in C equal those in NumPy, landings are where the ground is."""
 
 from functools import lru_cache
 
@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from piaffe import models, ocp, solvers
-from piaffe.models import base, feet, stance, terrain
-from piaffe.simulation import Plant, run_online
+from piaffe.models import stance, terrain
 
 from .test_ticks import ahead, assert_same, hop_then, make_equal, terms
 
@@ -22,10 +21,6 @@ def problem(motion, ground):
     objective, limits, effort = terms()
     schedule = body.over(0.16, dt=0.01).without(effort) + srb.over(0.2, dt=0.05).without(limits)
     return ocp.Problem(motion, schedule, objective + effort, limits, initial=body.state(joints="stand"))
-
-
-def swing(s):
-    return 1 - s.feet.contact
 
 
 MOTIONS = {
@@ -118,29 +113,3 @@ def test_clocks_in_c_equal_those_in_numpy_on_a_slope():
         if 0.12 < t < 0.22:
             x[UP] += 0.15
     assert len(shifts) > 1
-
-
-# ---- closed loop
-
-
-@pytest.mark.parametrize("ground", [STAIRS, terrain.incline(0.18, start=0.3)], ids=["stairs", "slope"])
-def test_a_trot_goes_up(ground):
-    """On a plant with less friction, from a start that is not the declared one."""
-    declared = problem(models.gaits.trot(speed=0.5, height=0.25, velocity_gain=0.02), ground)
-    declared = ocp.Problem(
-        declared.motion, declared.schedule,
-        declared.objective + ocp.track(base.position, weight=(0, 0, 50)) + ocp.track(base.linear_velocity, weight=10.0)
-        + ocp.track(feet.position, weight=10.0, mask=swing) + ocp.track(feet.velocity, weight=1.0, mask=swing),
-        declared.constraints, initial=declared.initial,
-    )  # fmt: skip
-    mpc = solvers.RecedingHorizon(declared)
-    low = solvers.Vwbc(mpc.plan(declared.initial, 0.0), leave_out=("base.position x", "base.position y"))
-    robot, start = models.load("mini_cheetah"), declared.initial.copy()
-    start[0], start[1] = 0.08, -0.05
-    episode = run_online(mpc, low, Plant(robot, friction=0.6, terrain=ground), seconds=3.0, initial=start)
-    assert not episode.fault
-    x = episode.last
-    above = x[2] - float(ground.height(x[0], x[1]))
-    assert x[0] > 0.9
-    assert above == pytest.approx(0.25, abs=0.05)
-    assert episode.summary()["fallbacks"] == 0
