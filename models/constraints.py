@@ -19,6 +19,7 @@ from piaffe.ocp import OverPhase, ResetRows, When, caller, inequality, match_lab
 from . import natural
 
 _PYRAMID = ("normal", "-x", "+x", "-y", "+y")
+_MOST_FRICTION = 2.0  # rubber on dry stone has about 1
 
 
 def friction_cone(mu: float = 0.6, *, impulses: bool = True, scale: float | None = None) -> Any:
@@ -46,6 +47,7 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True, scale: float | None
         mask=_pyramid_contact,
         parameters={"mu": mu},
         positive=("mu",),
+        usual={"mu": (_MOST_FRICTION, "give a coefficient, as 0.7, and neither an angle nor per cent")},
         labels=_faces,
         at_reset=_IMPULSES if impulses else None,
         scale=natural.force if scale is None else scale,

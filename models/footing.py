@@ -8,20 +8,45 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from piaffe.ocp import SAME_TIME, AddedTargets, Path, PlacedPhase, Sample
+from piaffe.ocp import SAME_TIME, AddedTargets, Path, PlacedPhase, Quantity, Sample, split_entries
 
+from .foot_planes import FootSwing, foot_planes, plane_between
 from .kinematics import Kinematics
 from .obstacles import Plane, none_beside, planes_about, within
+from .placed_ground import PlacedGround
 from .quantities import base, feet, joints
 from .terrain import Terrain
 
 Array = NDArray[np.float64]
 
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+_STEPS = Quantity("feet.steps", "m", "point")  # per foot: its place, where it has last stood, and where it will
+_PROGRESS = Quantity("feet.progress")  # per foot: share of the swing; 1 if it stands; 1 if it lands
+
+
+class _Swing(NamedTuple):
+    """The planes of the stances before and after a time, the share of the swing between them, and whether it lands."""
+
+    first: Plane
+    last: Plane
+    share: float
+    lands: bool
+
+    @property
+    def plane(self) -> Plane:
+        """The plane in between."""
+        if self.share == 0.0:
+            return self.first
+        normal = (1 - self.share) * self.first[1] + self.share * self.last[1]
+        return (1 - self.share) * self.first[0] + self.share * self.last[0], normal / np.linalg.norm(normal)
 
 
 @dataclass
@@ -61,26 +86,58 @@ class Footing(AddedTargets):
         """Return the planes of all feet: those of the ground, those below them and those beside them, (9 nf,) each."""
         self._extend(interval.end)
         places, on = reference_feet(self.kinematics, sample), self._flags(interval.phase.mode)
-        ground, over, beside = [], [], []
+        ground, over, beside, steps, progress = [], [], [], [], []
         for foot, place in enumerate(places):
             if on[foot]:
                 plane = self._present(foot, interval).plane
+                swing = _Swing(plane, plane, 0.0, False)
                 below, aside = plane, none_beside(place)
             else:
-                plane, lands = self._swing(foot, t, interval)
+                swing = self._swing(foot, t, interval)
+                plane = swing.plane
                 below, aside = planes_about(self.terrain, place, self._radius)
-                if lands:
+                if swing.lands:
                     below, aside = plane, within(self.terrain, place, self._radius)
             ground.append(plane)
             over.append(below)
             beside.append(aside)
+            steps += [place, swing.first[0], swing.last[0]]
+            progress += [swing.share, float(on[foot] > 0), float(swing.lands)]
         planes = ground + over + beside
         added = {feet.surfaces: np.concatenate([point for point, _ in planes])}
         added[feet.normals] = np.concatenate([normal for _, normal in planes])
+        added |= {_STEPS: np.concatenate(steps), _PROGRESS: np.array(progress)}
         if feet.height in sample:  # a reference measures it from level ground
             own = zip(places, ground, strict=True)
             added[feet.height] = np.array([normal @ (place - point) - self._radius for place, (point, normal) in own])
         return added
+
+    @property
+    def kept(self) -> tuple[tuple[Quantity, int], ...]:
+        """Where each foot is, has stood and will stand; and how far it is on the way."""
+        count = len(self.kinematics.robot.feet)
+        return (_STEPS, 9 * count), (_PROGRESS, 3 * count)
+
+    def placed(self, entries: tuple[tuple[Quantity, int], ...]) -> cs.Function:
+        """Return the function that takes the planes where the steps are in the world.
+
+        The heights of the other targets go with them: that of a foot with its plane, that of the base with the mean.
+        """
+        s, anchor = cs.SX.sym("s", sum(size for _, size in entries)), cs.SX.sym("anchor", 3)
+        values, ground = split_entries(s, entries), PlacedGround(self.terrain, self._radius, anchor)
+        swings, rises = [], []
+        for steps, progress in zip(cs.vertsplit(values[_STEPS], 9), cs.vertsplit(values[_PROGRESS], 3), strict=True):
+            declared = FootSwing(*cs.vertsplit(steps, 3), *cs.vertsplit(progress))
+            between = declared.first[2] + declared.share * (declared.last[2] - declared.first[2])
+            rises.append(plane_between(declared, ground)[0][2] - between)
+            swings.append(declared._replace(place=declared.place + cs.vertcat(0, 0, rises[-1])))
+        found = foot_planes(swings, ground)
+        if base.position in values:
+            found[base.position] = values[base.position] + cs.vertcat(0, 0, sum(rises) / len(rises))
+        if feet.position in values:
+            found[feet.position] = values[feet.position] + cs.vertcat(*(cs.vertcat(0, 0, rise) for rise in rises))
+        moved = cs.vertcat(*(found.get(quantity, value) for quantity, value in values.items()))
+        return cs.Function("placed", [s, anchor], [cs.densify(moved)], {"cse": True})
 
     # ---- stances
 
@@ -88,8 +145,8 @@ class Footing(AddedTargets):
         """Return the stance of a foot that is on the ground in a phase."""
         return next(each for each in reversed(self._stances[foot]) if each.start <= interval.start + SAME_TIME)
 
-    def _swing(self, foot: int, t: float, interval: PlacedPhase) -> tuple[Plane, bool]:
-        """Return the plane of a foot in the air, between those of the stances around, and whether it lands now."""
+    def _swing(self, foot: int, t: float, interval: PlacedPhase) -> _Swing:
+        """Return the stances around a foot in the air."""
         before = [each for each in self._stances[foot] if each.end <= interval.start + SAME_TIME]
         lift, first = (before[-1].end, before[-1].plane) if before else (0.0, self._below(foot, 0.0))
         after = self._next(foot, interval)
@@ -98,12 +155,9 @@ class Footing(AddedTargets):
         elif np.isfinite(self._path.duration):
             land, last = self._path.duration, self._below(foot, self._path.duration)
         else:
-            return first, False
+            return _Swing(first, first, 0.0, False)
         s = min(max((t - lift) / max(land - lift, SAME_TIME), 0.0), 1.0)
-        share = s**2 * (3 - 2 * s)
-        normal = (1 - share) * first[1] + share * last[1]
-        plane = (1 - share) * first[0] + share * last[0], normal / np.linalg.norm(normal)
-        return plane, after is not None and abs(t - land) <= SAME_TIME
+        return _Swing(first, last, s**2 * (3 - 2 * s), after is not None and abs(t - land) <= SAME_TIME)
 
     def _next(self, foot: int, interval: PlacedPhase) -> _Stance | None:
         """Return the first stance of a foot after a phase; None if there is none, or none in the next two cycles."""

@@ -21,6 +21,10 @@ Array = NDArray[np.float64]
 OFF_GROUND = 0.02
 """Largest distance of a standing foot from the ground without a warning [m]."""
 _ROUNDING = 1e-6  # [m]; a foot at the limit gives no warning
+ALL_OFF_GROUND = 0.01
+"""The same if all standing feet are above it, or all are below it [m]: another robot has such a state."""
+BEYOND_LIMIT = 0.01
+"""How far a joint of the initial state may be beyond its limit without a warning [rad]."""
 LONG_FLIGHT = 1.0
 """Longest time without contact that gives no warning [s]; a robot falls 1.2 m in the second half of it."""
 FAST = 3.0
@@ -59,9 +63,10 @@ def feet_off_ground(
 
 
 def heights_off_ground(
-    robot: Robot, terrain: Terrain, names: Iterable[str], position: Array, orientation: Array, angles: Array
-) -> dict[str, float]:
-    """Return the heights above the ground [m] of those feet that are farther than ``OFF_GROUND`` from it.
+    robot: Robot, terrain: Terrain, names: Iterable[str], position: Array, orientation: Array, angles: Array, *,
+    least: float = OFF_GROUND,
+) -> dict[str, float]:  # fmt: skip
+    """Return the heights above the ground [m] of those feet that are farther than a distance from it.
 
     Args:
         robot: the robot.
@@ -70,11 +75,12 @@ def heights_off_ground(
         position: of the base (3,) [m].
         orientation: of the base (4,).
         angles: of the joints (nj,) [rad].
+        least: the distance [m].
     """
     places = place_feet(robot, position, orientation, angles)
     above = places[:, 2] - terrain.standing(places[:, :2], robot.foot_radius)[:, 2]
     heights = dict(zip(robot.foot_names, above, strict=True))
-    return {name: float(heights[name]) for name in names if abs(heights[name]) > OFF_GROUND + _ROUNDING}
+    return {name: float(heights[name]) for name in names if abs(heights[name]) > least + _ROUNDING}
 
 
 def _start(
@@ -85,10 +91,34 @@ def _start(
     if not all(quantity in start for quantity in (base.position, base.orientation, joints.position)):
         return
     pose = [np.asarray(start[quantity]) for quantity in (base.position, base.orientation, joints.position)]
-    got = feet_off_ground(robot, terrain, resolve(first.phase.mode).feet, *pose)
+    names = resolve(first.phase.mode).feet
+    got = feet_off_ground(robot, terrain, names, *pose)
+    where = f"phase '{first.phase.name}' ({first.phase.source}), initial state"
+    beyond = np.flatnonzero(
+        (pose[2] < robot.joint_lower - BEYOND_LIMIT) | (pose[2] > robot.joint_upper + BEYOND_LIMIT)
+    )  # fmt: skip
+    if len(beyond):
+        joint = ", ".join(f"{robot.joint_names[i]} at {pose[2][i]:.3f} rad" for i in beyond)
+        allowed = ", ".join(f"{robot.joint_lower[i]:.3f} to {robot.joint_upper[i]:.3f} rad" for i in beyond)
+        yield ProblemWarning(
+            where,
+            f"joint of the initial state beyond its limit - got {joint}, expected {allowed}; build the initial state "
+            f"of '{robot.name}' with the model's state(joints=...)",
+            first.phase.source,
+        )
+    above = list(heights_off_ground(robot, terrain, names, *pose, least=ALL_OFF_GROUND).values())
+    if not got and len(above) == len(names) and abs(sum(np.sign(above))) == len(names) > 1:
+        side, gaps = "above" if above[0] > 0 else "below", [abs(height) for height in above]
+        yield ProblemWarning(
+            where,
+            f"all standing feet are off the ground - got {min(gaps):.3f} to {max(gaps):.3f} m {side} it, expected at "
+            f"most {ALL_OFF_GROUND} m; is it the state of another robot? Build that of "
+            f"'{robot.name}' with the model's state(joints=...)",
+            first.phase.source,
+        )
     if got:
         yield ProblemWarning(
-            f"phase '{first.phase.name}' ({first.phase.source}), initial state",
+            where,
             f"standing foot is not on the ground - got {got}, expected within {OFF_GROUND} m; build the initial state "
             f"of '{robot.name}' with the model's state(joints=...), or begin with a flight",
             first.phase.source,

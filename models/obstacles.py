@@ -11,7 +11,10 @@ Array = NDArray[np.float64]
 Plane = tuple[Array, Array]
 """A point of a plane [m] and its unit normal, which points away from the ground, (3,) each."""
 
-_DEEP = 1.0  # [m], how far the plane is below a foot beside which there is nothing
+SAME_PLACE = 1e-9
+"""Sides whose distances differ by less are equally near: the first of them counts [m]. Steps share their edges."""
+DEEP = 1.0
+"""How far the plane is below a foot beside which there is nothing [m]."""
 
 
 def planes_about(terrain: Terrain, place: Array, radius: float) -> tuple[Plane, Plane]:
@@ -32,7 +35,7 @@ def planes_about(terrain: Terrain, place: Array, radius: float) -> tuple[Plane, 
     for box in terrain.boxes:
         gap, outward = (each[0] for each in box.side(place[None, :2]))
         if gap >= place[2] - box.height:
-            if gap < nearest:
+            if gap < nearest - SAME_PLACE:
                 nearest = gap
                 side = place[:2] - gap * outward
                 beside = np.array([*side, box.height]), np.array([*outward, 0.0])
@@ -52,7 +55,7 @@ def within(terrain: Terrain, place: Array, radius: float) -> Plane:
     found, nearest = none_beside(place), np.inf
     for box in terrain.boxes:
         gap, outward = (each[0] for each in box.side(place[None, :2]))
-        if abs(gap) >= radius and abs(gap) < nearest:
+        if abs(gap) >= radius and abs(gap) < nearest - SAME_PLACE:
             nearest = abs(gap)
             side = place[:2] - gap * outward
             found = np.array([*side, box.height]), np.array([*(np.sign(gap) * outward), 0.0])
@@ -61,4 +64,4 @@ def within(terrain: Terrain, place: Array, radius: float) -> Plane:
 
 def none_beside(place: Array) -> Plane:
     """Return a plane that is far below a foot."""
-    return np.array([*place[:2], place[2] - _DEEP]), np.array([0.0, 0.0, 1.0])
+    return np.array([*place[:2], place[2] - DEEP]), np.array([0.0, 0.0, 1.0])

@@ -10,6 +10,7 @@ import pytest
 from piaffe import models, ocp
 from piaffe.models import base, feet, gaits, joints
 from piaffe.ocp import rotation
+from piaffe.ocp.compiler.added import with_added
 
 
 @cache
@@ -42,8 +43,10 @@ class GaitPair:
         x = begin_state(model, rng) if x is None else x
         self.numpy = motion.bind((model,), model.state.unpack(x)).placed[0].reference
         self.functions = self.numpy.functions()
+        self.path = with_added(motion.bind((model,), model.state.unpack(x)), [model], "test")
+        self.anchor = ocp.ORIGIN  # of the frame of the functions, in which the gait is
         self.intervals = list(takewhile(lambda interval: interval.start < 40.0, motion.intervals()))
-        self.memory = self.functions.begin(self.functions.start(x), self.functions.command)
+        self.memory = self.placed(self.functions.begin, self.functions.start(x), self.functions.command)
 
     @staticmethod
     def random(model, gait, rng, **options):
@@ -58,6 +61,9 @@ class GaitPair:
         }
         return GaitPair(model, getattr(gaits, gait)(**command), rng)
 
+    def placed(self, function, *inputs):
+        return function(*inputs, self.anchor) if self.functions.in_world else function(*inputs)
+
     def phase(self, t):
         return next(i for i in reversed(self.intervals) if i.start <= t + ocp.SAME_TIME)
 
@@ -65,18 +71,24 @@ class GaitPair:
         return interval.start - now, self.functions.schedule(interval.index)
 
     def sample(self, t, interval, now=0.0):
-        values = self.functions.sample(t - now, self.memory, *self.row(interval, now)).full().ravel()
+        functions = self.functions
+        values = self.placed(functions.sample, t - now, self.memory, *self.row(interval, now)).full().ravel()
         ends = np.cumsum([size for _, size in self.functions.quantities])
         return dict(zip([q for q, _ in self.functions.quantities], np.split(values, ends[:-1]), strict=True))
 
     def advance(self, now, dt, x, interval, command=None):
         """Go from now to now + dt; interval is a phase at the latter time."""
         command = self.functions.command if command is None else command
-        self.memory = self.functions.advance(self.memory, dt, x, command, *self.row(interval, now + dt))
+        row = self.row(interval, now + dt)
+        self.memory = self.placed(self.functions.advance, self.memory, dt, x, command, *row)
 
     def expected(self, t, interval):
         sample = {quantity: values[0] for quantity, values in self.numpy.samples(np.array([t])).items()}
         sample[feet.force] = self.numpy.sample(t, interval.index)[feet.force]
+        for added in self.path.added:
+            planes = added.at(t, interval, sample)
+            sample |= {feet.height: planes[feet.height]}
+            sample |= {quantity: planes[quantity] for quantity in (feet.surfaces, feet.normals)}
         return sample
 
     def check(self, t, interval, now=0.0):
@@ -87,6 +99,9 @@ class GaitPair:
             wanted = np.ravel(expected[quantity])
             if quantity is base.orientation:
                 value = value * np.sign(value @ wanted)
+            if quantity is feet.surfaces:  # a plane has many points
+                normals = got[feet.normals].reshape(-1, 3)
+                value, wanted = (np.sum(each.reshape(-1, 3) * normals, axis=1) for each in (value, wanted))
             if quantity not in (joints.position, joints.velocity):
                 assert value == pytest.approx(wanted, abs=1e-9), f"{quantity} at {t}"
             assert np.isfinite(value).all()

@@ -12,7 +12,8 @@ from .terrain_footsteps import TerrainFootsteps
 
 Array = NDArray[np.float64]
 
-_TINY = 1e-6  # [m²], added to the second moments of the feet's places to keep them regular
+TINY = 1e-6
+"""Added to the second moments of the feet's places to keep them regular [m²]."""
 
 
 class PlanarMotion(NamedTuple):
@@ -86,7 +87,7 @@ class SlopeReference:
         centre, mean, centre_rate, mean_rate = (np.mean(each, axis=1) for each in (points, heights, rates, climbing))
         d, dz = points - centre[:, None], heights - mean[:, None]
         d_rate, dz_rate = rates - centre_rate[:, None], climbing - mean_rate[:, None]
-        moments = np.swapaxes(d, 1, 2) @ d + _TINY * np.eye(2)
+        moments = np.swapaxes(d, 1, 2) @ d + TINY * np.eye(2)
         half = np.swapaxes(d, 1, 2) @ d_rate
         moments_rate = half + np.swapaxes(half, 1, 2)
         right = np.sum(d * dz[..., None], axis=1)

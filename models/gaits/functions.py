@@ -25,7 +25,9 @@ from .footsteps import ContactSchedule
 from .memory import GaitMemory, memory_size
 from .path_expression import PathExpression, turned, within_half_turn
 from .phase_row import FootRow, phase_row, row_size, rows_of
-from .step_expressions import StepExpressions
+from .slope_expression import GroundPoint, SlopeExpression, slope_expression
+from .step_expressions import StepExpressions, Swing
+from .terrain_step_expressions import TerrainStepExpressions
 
 Array = NDArray[np.float64]
 
@@ -48,8 +50,11 @@ class GaitFunctions:
         heading_limit: largest angle between the kept heading and the measured one [rad].
         lag_gain: velocity that makes up for a lag, per length of the lag [1/s].
         lag_limit: largest lag, forward and left [m].
-        terrain: height of the ground [m].
+        terrain: height of level ground [m]; 0 on a terrain.
         weight: sum of the vertical contact forces while there are any [N].
+
+    On a terrain, which the footholds know, the functions read where the plan's frame is in the world; posture is then
+    relative to the plane that fits the ground below the feet.
     """
 
     state: Manifold
@@ -74,6 +79,7 @@ class GaitFunctions:
         aimed = memory.corrected(self.lag_gain)
         sample = self._sample(tau, aimed, phi, feet_rows)
         state = tuple((block.quantity, block.nx) for block in self.state.blocks)
+        anchors, named = ([], []) if self.grounded is None else ([self.grounded.placed.anchor], ["anchor"])
 
         def function(name: str, inputs: list[cs.SX], names: list[str], output: cs.SX, out: str) -> cs.Function:
             return cs.Function(name, inputs, [cs.densify(output)], names, [out], _CSE)
@@ -86,18 +92,27 @@ class GaitFunctions:
             schedule=self._row,
             pick=self._pick,
             start=function("start", [x], ["x"], self._start(split_entries(x, state)), "start"),
-            begin=function("begin", [start, c], ["start", "c"], self._begun(start, c).stacked(), "m"),
+            begin=function(
+                "begin", [start, c, *anchors], ["start", "c", *named], self._begun(start, c).stacked(), "m"
+            ),
             advance=function(
-                "advance", [m, dt, x, c, phi, row], ["m", "dt", "x", "c", "phi", "row"], advanced.stacked(), "m_next"
+                "advance", [m, dt, x, c, phi, row, *anchors], ["m", "dt", "x", "c", "phi", "row", *named],
+                advanced.stacked(), "m_next",
             ),
             move=function("move", [m, motion], ["m", "motion"], _moved(memory, motion).stacked(), "moved"),
             sample=function(
-                "sample", [tau, m, phi, row], ["tau", "m", "phi", "row"], cs.vertcat(*sample.values()), "s"
+                "sample", [tau, m, phi, row, *anchors], ["tau", "m", "phi", "row", *named],
+                cs.vertcat(*sample.values()), "s",
             ),
             pose=function(
                 "pose", [tau, m], ["tau", "m"], cs.vertcat(aimed.path.position(tau), aimed.path.yaw(tau)), "pose"
             ),
         )  # fmt: skip
+
+    @property
+    def grounded(self) -> TerrainStepExpressions | None:
+        """Footholds and swings on a terrain; None on level ground."""
+        return self.steps if isinstance(self.steps, TerrainStepExpressions) else None
 
     def _row(self, index: int) -> Array:
         flags = self.schedule.flags(index)
@@ -128,8 +143,12 @@ class GaitFunctions:
         for foot in range(len(self.kinematics.robot.feet)):
             place = start[13 + 3 * foot : 16 + 3 * foot]
             flies = self.schedule.stances(foot, 0.0)[0, 1] <= SAME_TIME
-            places.append(place if flies else cs.vertcat(place[:2], self.steps.ground))
+            places.append(place if flies else self.steps.standing(place[:2]))
         posture = cs.vertcat(start[2], rpy[:2])
+        if self.grounded is not None:
+            still = cs.SX.zeros(2)
+            points = [GroundPoint(p[:2], self.grounded.placed.height(p), still, cs.SX(0)) for p in places]
+            posture = posture - slope_expression(points, path, cs.SX(0)).posture
         return GaitMemory(path, c[3], posture, cs.SX.zeros(3), ramp, cs.SX.zeros(2), cs.SX.zeros(2), places)
 
     # ---- as time goes on
@@ -186,12 +205,18 @@ class GaitFunctions:
         if measured is None:
             return place
         stands = cs.logic_or(lands, phi + row.liftoff >= -SAME_TIME)
+        if self.grounded is not None:
+            return cs.if_else(stands, self.grounded.standing(measured), place)
         return cs.vertcat(cs.if_else(stands, measured, place[:2]), place[2])
 
     # ---- the targets
 
     def _sample(self, tau: cs.SX, memory: GaitMemory, phi: cs.SX, rows: list[FootRow]) -> dict[Quantity, cs.SX]:
         path, (posture, rates) = memory.path, memory.ease(self.terrain).at(tau)
+        swings = [self.steps.swing(foot, memory, row, phi, tau) for foot, row in enumerate(rows)]
+        slope = self._slope(swings, path, tau)
+        if slope is not None:
+            posture, rates = posture + slope.posture, rates + slope.rates
         yaw, position = path.yaw(tau), cs.vertcat(path.position(tau), posture[0])
         rpy = cs.vertcat(posture[1:], yaw)
         orientation = rotation.from_rpy(rpy)
@@ -200,19 +225,18 @@ class GaitFunctions:
         inward = rotation.matrix(orientation).T
         angles = [cs.SX(angle) for angle in self.kinematics.robot.pose("stand")]
         speeds = [cs.SX(0)] * len(angles)
-        swings = [self.steps.swing(foot, memory, row, phi, tau) for foot, row in enumerate(rows)]
-        arms = [inward @ (place - position) for place, _ in swings]
+        arms = [inward @ (swing.place - position) for swing in swings]
         legs = leg_expressions(self.kinematics)
         for leg in legs:
             found = leg.inverse(arms[leg.foot], cs.vertcat(*(angles[j] for j in leg.joints)), _STEPS)
             for j, angle in zip(leg.joints, cs.vertsplit(found), strict=True):
                 angles[j] = angle
         for leg in legs:
-            relative = inward @ (swings[leg.foot][1] - velocity) - cs.cross(omega, arms[leg.foot])
+            relative = inward @ (swings[leg.foot].rate - velocity) - cs.cross(omega, arms[leg.foot])
             found = leg.rates(cs.vertcat(*(angles[j] for j in leg.joints)), relative)
             for j, speed in zip(leg.joints, cs.vertsplit(found), strict=True):
                 speeds[j] = speed
-        return {
+        targets = {
             base.position: position,
             base.orientation: orientation,
             base.linear_velocity: velocity,
@@ -221,12 +245,27 @@ class GaitFunctions:
             base.ground_normal: inward[:, 2],
             joints.position: cs.vertcat(*angles),
             joints.velocity: cs.vertcat(*speeds),
-            feet.position: cs.vertcat(*(place for place, _ in swings)),
-            feet.velocity: cs.vertcat(*(rate for _, rate in swings)),
-            feet.reach: cs.vertcat(*(turned(-yaw, (place - position)[:2]) for place, _ in swings)),
-            feet.height: cs.vertcat(*(place[2] - self.steps.ground for place, _ in swings)),
+            feet.position: cs.vertcat(*(swing.place for swing in swings)),
+            feet.velocity: cs.vertcat(*(swing.rate for swing in swings)),
+            feet.reach: cs.vertcat(*(turned(-yaw, (swing.place - position)[:2]) for swing in swings)),
+            feet.height: cs.vertcat(*(swing.place[2] - self.steps.ground for swing in swings)),
             feet.force: cs.vertcat(*(cs.vertcat(0, 0, row.force) for row in rows)),
         }
+        if slope is None or self.grounded is None:
+            return targets
+        own = {base.height: position[2] - slope.mean, base.ground_normal: inward @ slope.normal}
+        return {**targets, **own, **self.grounded.planes(swings)}
+
+    def _slope(self, swings: list[Swing], path: PathExpression, tau: cs.SX) -> SlopeExpression | None:
+        """Return the plane that fits the ground of the feet; None on level ground."""
+        if self.grounded is None:
+            return None
+        points = []
+        for swing in swings:
+            first, last = (self.grounded.placed.height(place) for place in (swing.first, swing.last))
+            height = first + swing.share * (last - first)
+            points.append(GroundPoint(swing.place[:2], height, swing.rate[:2], swing.share_rate * (last - first)))
+        return slope_expression(points, path, tau)
 
     def _world_feet(self, position: cs.SX, orientation: cs.SX, angles: cs.SX) -> list[cs.SX]:
         to_world = rotation.matrix(orientation)

@@ -6,6 +6,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,14 +25,16 @@ from piaffe.ocp import (
 )
 
 from ..legged import LeggedModel, require_floating
+from ..placed_ground import PlacedGround
 from ..quantities import base, feet, joints
-from ..terrain import Flat
+from ..terrain import Flat, HeightField
 from .base_path import BasePath, ease, turn_by
 from .base_slope import PlanarMotion, SlopeReference
 from .footsteps import BOX, STRETCH, ContactSchedule, Footsteps
 from .functions import GaitFunctions
 from .step_expressions import StepExpressions
 from .terrain_footsteps import TerrainFootsteps
+from .terrain_step_expressions import TerrainStepExpressions
 
 Array = NDArray[np.float64]
 
@@ -139,10 +142,8 @@ class BoundGait(BoundReference):
         once, cycle = (tuple((p.duration, model.flags(p.mode)) for p in phases) for phases in (piece.once, piece.cycle))
         schedule = ContactSchedule(once, cycle)
         swing = gait.swing_height if gait.swing_height is not None else 0.15 * float(self.kinematics.reach.min())
+        self._swing = swing
         ground = self._level + self.robot.foot_radius
-        self._steps = StepExpressions(
-            self._home, self.kinematics.reach, ground, swing, self._gravity, gait.velocity_gain
-        )
         self.footsteps = self._made_footsteps(schedule, self._first_feet(start), ground, swing)
         self._slope = _slope_of(self.footsteps)
         if self._slope is not None:
@@ -231,20 +232,32 @@ class BoundGait(BoundReference):
         """Return the gait as CasADi functions of time and of speed, lateral speed, yaw rate and height.
 
         Raises:
-            ProblemError: the ground is not level.
+            ProblemError: the ground is a height field.
         """
-        if self._slope is not None:
-            raise ProblemError(
-                f"gait of robot '{self.robot.name}': has no functions of time on this ground - got {self.ground}, "
-                "expected level ground where a controller plans again and again; use phases with keyframes or a "
-                "trajectory there, or leave terrain out of the model"
-            )
         command = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate, self._height])
         numbers = GaitFunctions(
-            self.model.state, self.kinematics, self.footsteps.schedule, self._steps, command, self.gait.ramp,
-            self.gait.heading_limit, self.gait.lag_gain, self.gait.lag_limit, self._level, self._weight,
+            self.model.state, self.kinematics, self.footsteps.schedule, self._step_expressions(), command,
+            self.gait.ramp, self.gait.heading_limit, self.gait.lag_gain, self.gait.lag_limit, self._level,
+            self._weight,
         )  # fmt: skip
         return numbers.compile()
+
+    def _step_expressions(self) -> StepExpressions:
+        """Return footholds and swings as expressions: on a terrain they depend on where a plan's frame is."""
+        steps = StepExpressions(
+            self._home, self.kinematics.reach, self._level + self.robot.foot_radius, self._swing, self._gravity,
+            self.gait.velocity_gain,
+        )  # fmt: skip
+        if isinstance(self.ground, Flat):
+            return steps
+        if isinstance(self.ground, HeightField):
+            raise ProblemError(
+                f"gait of robot '{self.robot.name}': has no functions of time on this ground - got a height field of "
+                f"{len(self.ground.heights)} by {len(self.ground.heights[0])} nodes, expected level ground, a slope, "
+                "stairs or boxes where a controller plans again and again; use boxes, or phases with keyframes there"
+            )
+        placed = PlacedGround(self.ground, self.robot.foot_radius, cs.SX.sym("anchor", 3))
+        return TerrainStepExpressions(**vars(steps), placed=placed)
 
     # ---- the base
 
@@ -301,7 +314,10 @@ class BoundGait(BoundReference):
     def _made_footsteps(self, schedule: ContactSchedule, start: Array, ground: float, swing: float) -> Footsteps:
         if isinstance(self.ground, Flat):
             return Footsteps(schedule, start, ground, swing, self._footholds)
-        return TerrainFootsteps(schedule, start, ground, swing, self._footholds, self.ground, self.robot.foot_radius)
+        return TerrainFootsteps(
+            schedule, start, ground, swing, self._footholds, self.ground, self.robot.foot_radius,
+            float(self.kinematics.reach.min()),
+        )  # fmt: skip
 
     def _first_feet(self, start: Sample) -> Array:
         if feet.position in start:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import casadi as cs
 import numpy as np
@@ -16,6 +17,27 @@ from .path_expression import turned
 from .phase_row import FootRow
 
 Array = NDArray[np.float64]
+
+
+class Swing(NamedTuple):
+    """A foot at a time, on the ground or between two stances.
+
+    Args:
+        place: its position, (3, 1) [m]. rate: its velocity, (3, 1) [m/s].
+        first: where it stands, or has last stood, (3, 1) [m]. last: where it will, (3, 1) [m].
+        share: how much of the way it has gone in the plane, 0 to 1. share_rate: the rate of this [1/s].
+        stands: 1 in a phase in which it is on the ground.
+        lands: 1 at the end of a swing.
+    """
+
+    place: cs.SX
+    rate: cs.SX
+    first: cs.SX
+    last: cs.SX
+    share: cs.SX
+    share_rate: cs.SX
+    stands: cs.SX
+    lands: cs.SX
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +82,8 @@ class StepExpressions:
         box = cs.fmin(self.reach[foot] * cs.SX(BOX), room)
         return cs.vertcat(hip + turned(yaw, home + cs.fmin(cs.fmax(offset, -box), box)), self.ground)
 
-    def swing(self, foot: int, memory: GaitMemory, row: FootRow, phi: cs.SX, tau: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """Return a foot's position [m] and velocity [m/s], (3, 1) each.
+    def swing(self, foot: int, memory: GaitMemory, row: FootRow, phi: cs.SX, tau: cs.SX) -> Swing:
+        """Return a foot's position and velocity, and the stances that it is between.
 
         Args:
             foot: index of the foot.
@@ -82,17 +104,29 @@ class StepExpressions:
         swings = cs.logic_and(t > row.liftoff, row.lands > 0.5)
         length = cs.if_else(swings, row.next_touchdown - row.liftoff, 1)
         s = cs.if_else(swings, cs.fmin((t - row.liftoff) / length, 1), 0)
-        share, slope = _cubic(s)
+        share, slope = cubic(s)
         step = last[:2] - first[:2]
-        apex = cs.fmax(first[2], last[2]) + self.swing_height
+        apex = self.apex(first, last)
         rises = s < 0.5
         low, high = cs.if_else(rises, first[2], apex), cs.if_else(rises, apex, last[2])
-        lift, climb = _cubic(cs.if_else(rises, 2 * s, 2 * s - 1))
+        lift, climb = cubic(cs.if_else(rises, 2 * s, 2 * s - 1))
         height = cs.if_else(swings, low + lift * (high - low), first[2])
         rate = cs.if_else(swings, cs.vertcat(slope * step, 2 * climb * (high - low)) / length, cs.SX.zeros(3))
-        return cs.vertcat(first[:2] + share * step, height), rate
+        return Swing(
+            cs.vertcat(first[:2] + share * step, height), rate, first, last, share,
+            cs.if_else(swings, slope / length, 0), row.liftoff > SAME_TIME,
+            cs.logic_and(swings, t >= row.next_touchdown - SAME_TIME),
+        )  # fmt: skip
+
+    def apex(self, first: cs.SX, last: cs.SX) -> cs.SX:
+        """Return the height of the middle of the swing between two footholds (3, 1) [m]."""
+        return cs.fmax(first[2], last[2]) + self.swing_height
+
+    def standing(self, place: cs.SX) -> cs.SX:
+        """Return the place (3, 1) of a foot that stands at x and y of a place (2, 1) or (3, 1) [m]."""
+        return cs.vertcat(place[:2], self.ground)
 
 
-def _cubic(s: cs.SX) -> tuple[cs.SX, cs.SX]:
+def cubic(s: cs.SX) -> tuple[cs.SX, cs.SX]:
     """Return s² (3 − 2 s) and its derivative."""
     return s**2 * (3 - 2 * s), 6 * s * (1 - s)

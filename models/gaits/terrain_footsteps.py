@@ -21,8 +21,12 @@ RISER = 0.03
 ABOVE = 0.015
 """A swing passes at least this far above the edges between two footholds [m]."""
 
-_EVEN = 2e-3  # ground that sticks out this far from the line between two footholds has no edge [m]
-_SHARES = np.linspace(0.05, 0.95, 37)  # of a swing's time, at which it is compared with the ground
+RISE = 0.25
+"""Edges raise a swing at most by this share of the leg's reach: a foot at a riser cannot go up beside it."""
+EVEN = 2e-3
+"""Ground that sticks out this far from the line between two footholds has no edge [m]."""
+SHARES = np.linspace(0.05, 0.95, 37)
+"""Shares of a swing's time at which it is compared with the ground."""
 
 
 class TerrainFootsteps(Footsteps):
@@ -32,14 +36,15 @@ class TerrainFootsteps(Footsteps):
         schedule, start, ground, swing_height, foothold: as for :class:`Footsteps`.
         terrain: the ground.
         radius: of the feet [m].
+        reach: of the shortest leg [m].
     """
 
     def __init__(
         self, schedule: ContactSchedule, start: Array, ground: float, swing_height: float, foothold: Foothold,
-        terrain: Terrain, radius: float,
+        terrain: Terrain, radius: float, reach: float,
     ) -> None:  # fmt: skip
         super().__init__(schedule, start, ground, swing_height, foothold)
-        self.terrain, self.radius = terrain, radius
+        self.terrain, self.radius, self._reach = terrain, radius, reach
 
     def ground(self, t: Array) -> tuple[Array, Array]:
         """Return the height of the ground of each foot, and its rate, (S, nf) each [m, m/s].
@@ -62,8 +67,9 @@ class TerrainFootsteps(Footsteps):
 
     def _like(self, foothold: Foothold) -> Footsteps:
         return TerrainFootsteps(
-            self.schedule, self._start, self._ground, self._swing_height, foothold, self.terrain, self.radius
-        )
+            self.schedule, self._start, self._ground, self._swing_height, foothold, self.terrain, self.radius,
+            self._reach,
+        )  # fmt: skip
 
     def _on_ground(self, holds: Array) -> Array:
         """Return where feet stand at places: with their balls on the ground."""
@@ -77,9 +83,9 @@ class TerrainFootsteps(Footsteps):
     def _highest(self, holds: Array) -> Array:
         """Return the apexes; they are higher where the swing would come too near to an edge."""
         apexes = super()._highest(holds)
-        share, _ = cubic(_SHARES)
-        rises = _SHARES < 0.5
-        lift, _ = cubic(np.where(rises, 2 * _SHARES, 2 - 2 * _SHARES))  # 0 at both ends, 1 at the apex
+        share, _ = cubic(SHARES)
+        rises = SHARES < 0.5
+        lift, _ = cubic(np.where(rises, 2 * SHARES, 2 - 2 * SHARES))  # 0 at both ends, 1 at the apex
         for i, (first, last) in enumerate(pairwise(holds)):
             step = last[:2] - first[:2]
             ends = np.asarray(self.terrain.height(*np.array([first, last])[:, :2].T))
@@ -90,8 +96,9 @@ class TerrainFootsteps(Footsteps):
             below = self.terrain.height(ball[..., 0], ball[..., 1])
             end = np.where(rises, first[2], last[2])
             needed = np.max(below, axis=1) + self.radius + ABOVE
-            sticks_out = np.max(below - (ends[0] + shares * (ends[1] - ends[0])), axis=1) > _EVEN
+            sticks_out = np.max(below - (ends[0] + shares * (ends[1] - ends[0])), axis=1) > EVEN
             meets = sticks_out & (needed > end + ABOVE)  # higher ground than at this end of the swing
             if meets.any():
-                apexes[i] = max(apexes[i], float(np.max((end + (needed - end) / lift)[meets])))
+                wanted = float(np.max((end + (needed - end) / lift)[meets]))
+                apexes[i] = max(apexes[i], min(wanted, apexes[i] + RISE * self._reach))
         return apexes

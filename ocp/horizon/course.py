@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,6 +89,7 @@ class Courses:
         targets: the sample vector.
         pieces: the pieces.
         tables: samples at the ticks of every entry, (length + 1, size) each.
+        placed: see ``AddedTargets.placed``; for samples of tables.
     """
 
     def __init__(
@@ -97,9 +99,10 @@ class Courses:
         targets: TargetVector,
         pieces: Sequence[PieceTable],
         tables: Sequence[Array],
+        placed: cs.Function | None = None,
     ) -> None:
         self.model, self.calendar, self.targets = model, calendar, targets
-        self.pieces, self.tables = pieces, tables
+        self.pieces, self.tables, self.placed = pieces, tables, placed
 
     def begin(self, x: Array, k: int, commands: Mapping[str, float]) -> Course:
         """Return the course of a motion in which a piece becomes the present one at tick k.
@@ -120,7 +123,7 @@ class Courses:
         else:
             anchor = pose
             start = functions.start(self.moved(x, relative(ORIGIN, anchor)))
-            memory = _column(functions.begin(start, self.pieces[number].commanded(commands)))
+            memory = functions.placed(functions.begin, start, self.pieces[number].commanded(commands), anchor=anchor)
         return Course(k, place, anchor, ORIGIN, ORIGIN, memory, dict(commands))
 
     def advance(self, course: Course, x: Array, k: int) -> Course:
@@ -141,11 +144,11 @@ class Courses:
         functions, pose = piece.functions, self.pose(x)
         moved = composed(relative(ORIGIN, pose), course.anchor)
         memory = functions.move(course.memory, np.array(moved))
-        memory = functions.advance(
-            memory, (k - course.tick) * calendar.tick, self.moved(x, relative(ORIGIN, pose)),
-            piece.commanded(course.commands), (place.start - k) * calendar.tick, self._schedule(place),
+        memory = functions.placed(
+            functions.advance, memory, (k - course.tick) * calendar.tick, self.moved(x, relative(ORIGIN, pose)),
+            piece.commanded(course.commands), (place.start - k) * calendar.tick, self._schedule(place), anchor=pose,
         )  # fmt: skip
-        return Course(k, place, pose, moved, ORIGIN, _column(memory), course.commands)
+        return Course(k, place, pose, moved, ORIGIN, memory, course.commands)
 
     def samples(self, course: Course, nodes: Sequence[tuple[Place, int]]) -> Array:
         """Return the samples at nodes, (n, size): pairs of the phase that decides where targets jump, and the tick."""
@@ -155,7 +158,7 @@ class Courses:
         for row, (place, k) in zip(found, nodes, strict=True):
             number = self.calendar.entries[place.entry].placed.piece
             while present + len(ahead) <= number:
-                ahead.append(self._following(present + len(ahead) - 1, ahead[-1], course.commands))
+                ahead.append(self._following(present + len(ahead) - 1, ahead[-1], course))
             row[:] = self._sample(number, ahead[number - present], course, place, k)
         return found
 
@@ -175,17 +178,24 @@ class Courses:
             frame = at.frame
             for _ in range(self._cycle(place) - (self._cycle(course.place) if at.now == course.tick else 0)):
                 frame = composed(frame, piece.turn)
-            return targets.moved(self.tables[place.entry][k - place.start], frame)
-        tick = self.calendar.tick
-        s = piece.functions.sample(
-            (k - at.now) * tick, at.memory, (place.start - at.now) * tick, self._schedule(place)
-        )  # fmt: skip
-        values = np.append(_column(s), 0.0)
+            moved = targets.moved(self.tables[place.entry][k - place.start], frame)
+            return moved if self.placed is None else _column(self.placed(moved, np.array(course.anchor)))
+        values = np.append(self._of_functions(piece.functions, at, place, k, course.anchor), 0.0)
         places = np.array(piece.places, dtype=int)
         initial = np.concatenate([np.zeros(0), *(np.ravel(v) for v in targets.initial)])
         return np.where(places >= 0, values[places], initial)
 
-    def _following(self, number: int, at: _Ahead, commands: Mapping[str, float]) -> _Ahead:
+    def _of_functions(
+        self, functions: ReferenceFunctions, at: _Ahead, place: Place, k: int, anchor: PlanarFrame
+    ) -> Array:  # fmt: skip
+        """Return the sample of functions at a tick, (num_sample,)."""
+        tick = self.calendar.tick
+        return functions.placed(
+            functions.sample, (k - at.now) * tick, at.memory, (place.start - at.now) * tick, self._schedule(place),
+            anchor=anchor,
+        )  # fmt: skip
+
+    def _following(self, number: int, at: _Ahead, course: Course) -> _Ahead:
         """Return the next piece of the horizon, placed at the end of a piece."""
         calendar, piece, after = self.calendar, self.pieces[number], self.pieces[number + 1]
         first, start = calendar.firsts[number + 1]
@@ -197,16 +207,17 @@ class Courses:
         frame = relative(end, after.first)
         if after.functions is None:
             return _Ahead(frame, np.zeros(0), start)
-        command = after.commanded(commands)
-        if piece.functions is None:
-            memory = after.functions.move(_column(after.functions.begin(after.start, command)), np.array(frame))
+        command, functions = after.commanded(course.commands), after.functions
+        if piece.functions is None:  # begun on the declared path, which the frame moves
+            there = composed(course.anchor, frame)
+            memory = functions.move(
+                functions.placed(functions.begin, after.start, command, anchor=there), np.array(frame)
+            )  # fmt: skip
         else:
             place = Place(first - 1, first - 1, start - calendar.entries[first - 1].length)
-            s = piece.functions.sample(
-                (start - at.now) * calendar.tick, at.memory, (place.start - at.now) * calendar.tick,
-                self._schedule(place),
-            )  # fmt: skip
-            memory = after.functions.begin(after.functions.pick(piece.functions.quantities)(_column(s)), command)
+            s = self._of_functions(piece.functions, at, place, start, course.anchor)
+            picked = functions.pick(piece.functions.quantities)(s)
+            memory = functions.placed(functions.begin, picked, command, anchor=course.anchor)
         return _Ahead(ORIGIN, _column(memory), start)
 
     def _schedule(self, place: Place) -> Array:

@@ -33,6 +33,8 @@ class Falls:
     Attributes:
         heights: per entry, the height of the point at the end of the phase on the declared path [m]; NaN for phases in
             which nothing falls, or that do not end with a landing.
+        follows: whether the height goes with the world, as that of a landing on a terrain: it is then that of the
+            sample at the phase's end, and not the declared one.
         functions: per mode of these entries (x, p) → height [m], vertical speed [m/s], gravity [m/s²]; (3,).
     """
 
@@ -40,7 +42,8 @@ class Falls:
         self.heights: Array = np.full(len(calendar.entries), np.nan)
         self.functions: dict[LoweredMode, cs.Function] = {}
         segment = compilation.problem.schedule.segments[0]
-        if not compilation.head.cut_by_modes or compilation.head.slots_from_motion:
+        self.follows = bool(compilation.path.added)
+        if not compilation.head.cut_by_modes:
             return
         known: dict[LoweredMode, tuple[cs.Function, cs.Function] | None] = {}
         for e, entry in enumerate(calendar.entries):

@@ -16,7 +16,7 @@ from ..compiler.guess_checks import check_controls
 from ..compiler.mode import Row
 from ..compiler.transition import LoweredTransition
 from ..language import ORIGIN, Problem, model_of, relative
-from .calendar import Calendar
+from .calendar import Calendar, Place
 from .checks import checked_commands, checked_state, refuse_modes_inside
 from .course import Course, Courses
 from .falls import Falls
@@ -70,7 +70,7 @@ class Horizon:
         self.falls = Falls(compilation, calendar, samples.at)
         self.acting = tuple(self.targets.acting_copies(model) for model in self.models)
         pieces = [samples.piece(number) for number in range(len(problem.motion.pieces))]
-        self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed)
+        self.courses = Courses(self.models[0], calendar, self.targets, pieces, samples.packed, samples.placed)
         self._phases = Phases(compilation, self.layout, self.tables, self.courses, self.state_copies, self.acting)
         self.first = self.at(self.begin(problem.initial, 0.0), problem.initial)
         compilation.check_bound(self.first.phases, complete=False)
@@ -178,6 +178,14 @@ class Horizon:
             path=compilation.path, unbound=compilation.unbound, changing=frozenset(compilation.numbers.changing),
             lowered=0, compile_s=0.0,
         )  # fmt: skip
+
+    def landing_state(self, course: Course, place: Place) -> Array:
+        """Return the state of the targets at the end of a phase, (nx,), in the frame of a course."""
+        sample = self.courses.samples(course, [(place, place.start + self.calendar.entries[place.entry].length)])[0]
+        own, space = self.state_copies[0], self.models[0].state
+        x = np.zeros(space.nx)
+        x[list(own.to)] = sample[list(own.of)]
+        return space.np_normalise(x)
 
     def arrival(self, course: Course, k: int | None = None) -> tuple[LoweredTransition, Array] | None:
         """Return the impact at the present, or at a later tick k, and its parameters; None if no landing is then.

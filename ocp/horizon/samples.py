@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError
 
 from ..compiler.compile import Compilation
-from ..language import ORIGIN, Cost, PlanarFrame, Quantity, ReferenceFunctions, relative
+from ..language import ORIGIN, AddedTargets, Cost, PlanarFrame, Quantity, ReferenceFunctions, relative
 from .calendar import Calendar
 from .course import PieceTable
 from .tables import tracked_quantities
@@ -34,6 +35,7 @@ class Samples:
 
     def __init__(self, compilation: Compilation, calendar: Calendar) -> None:
         self._compilation, self._calendar, self._model = compilation, calendar, compilation.head
+        self._functions = [piece.reference.functions() for piece in compilation.path.placed]
         self.at = [
             [
                 compilation.path.sample(entry.placed.start + j * calendar.tick, entry.placed)
@@ -54,7 +56,7 @@ class Samples:
         calendar, frame_of = self._calendar, self._model.planar_frame
         entries = [e for e, entry in enumerate(calendar.entries) if entry.placed.piece == number]
         first, last = frame_of(self.at[entries[0]][0]), frame_of(self.at[entries[-1]][-1])
-        functions = self._compilation.path.placed[number].reference.functions()
+        functions = self._functions[number]
         self._refuse_unknown_ground(number, functions)
         if functions is None:
             none = np.zeros((len(entries), 0))
@@ -69,16 +71,27 @@ class Samples:
         places = self.targets.of_function(functions.quantities)
         return PieceTable(functions, places, schedules, start, first, last, ORIGIN)
 
+    @property
+    def placed(self) -> cs.Function | None:
+        """What gives samples of tables the added targets that they have in the world; see ``AddedTargets.placed``."""
+        entries = tuple(zip(self.targets.quantities, self.targets.sizes, strict=True))
+        return next((each.placed(entries) for each in self._added), None)
+
+    @property
+    def _added(self) -> tuple[AddedTargets, ...]:
+        """What models add to the targets of tables."""
+        return self._compilation.path.added if None in self._functions else ()
+
     def _refuse_unknown_ground(self, number: int, functions: ReferenceFunctions | None) -> None:
-        """Raise if a piece has no end of its own at which what models add to its targets is known."""
+        """Raise if a piece repeats its targets without end where the ground does not."""
         motion, added = self._compilation.problem.motion, self._compilation.path.added
-        if not added or (functions is None and not motion.pieces[number].is_endless):
+        if not added or functions is not None or not motion.pieces[number].is_endless:
             return
         first = motion.pieces[number].phases[0]
         raise ProblemError(
-            f"motion, phase '{first.name}' ({first.source}): goes on where the ground is not known beforehand - got "
-            f"{added[0].origin} below a motion without tables, expected a finite motion with keyframes or a "
-            "trajectory; choose a number of cycles with .cycles(n), or leave terrain out of the model"
+            f"motion, phase '{first.name}' ({first.source}): repeats where the ground does not - got a cycle without "
+            f"end of keyframes or a trajectory on {added[0].origin}, expected a finite motion, or a gait, which "
+            "follows the ground; choose a number of cycles with .cycles(n), or leave terrain out of the model"
         )
 
     def _target_vector(self) -> TargetVector:
@@ -89,6 +102,9 @@ class Samples:
             sizes |= {block.quantity.path: block.nx for block in model.state.blocks}
             known |= {block.quantity.path: block.quantity for block in model.state.blocks}
             known |= {quantity.path: quantity for quantity in model.slots_from_motion.values()}
+        for added in self._added:
+            sizes |= {quantity.path: size for quantity, size in added.kept}
+            known |= {quantity.path: quantity for quantity, _ in added.kept}
         for term in self._compilation.terms:  # a transition may follow the motion, too: the impulses of a landing
             path = term.quantity.path if isinstance(term, Cost) and term.quantity is not None else ""
             if path in known and path not in sizes:

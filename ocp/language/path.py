@@ -9,8 +9,11 @@ from functools import cached_property
 from itertools import accumulate
 from math import inf, nextafter
 
+import casadi as cs
+
 from .model import Sample
 from .piece import BoundReference, Piece, PlacedPhase, placed_phases
+from .reference_functions import Entries
 from .time import SAME_TIME
 
 
@@ -31,6 +34,23 @@ class AddedTargets(ABC):
             interval: the phase, which selects the side where targets jump.
             sample: the motion's targets.
         """
+
+    @property
+    def kept(self) -> Entries:
+        """Those of the added targets that :meth:`placed` needs, and their sizes; by default none."""
+        return ()
+
+    def placed(self, entries: Entries) -> cs.Function | None:
+        """Return a function (s, anchor) → s that gives a sample the added targets that it has at another place.
+
+        A controller that plans again and again moves samples with the frame of its plans. What the world is like there
+        is another matter: this function replaces the targets that depend on it. By default there is none.
+
+        Args:
+            entries: quantities and sizes of the sample s, which is in the frame of a plan; anchor is this frame in the
+                world, (x, y, yaw) [m, m, rad].
+        """
+        return None
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from piaffe.errors import ProblemError, ShapeError
 
+from .frame import PlanarFrame
 from .quantity import Quantity
 
 Array = NDArray[np.float64]
@@ -38,6 +39,9 @@ class ReferenceFunctions:
         pose(tau, m) → (x, y, yaw)                planar frame of the reference tau after now
 
     ``advance`` anchors the reference at the measured state. In which phase a motion is, the caller decides.
+
+    All this is in the frame of a plan. If targets depend on where this frame is in the world, as footholds on a terrain
+    do, ``begin``, ``advance`` and ``sample`` have one more input, the frame in the world: (x, y, yaw) [m, m, rad].
 
     Args:
         quantities: quantity and size of each entry of a sample s, in the order in which they are stacked.
@@ -69,12 +73,13 @@ class ReferenceFunctions:
 
     def __post_init__(self) -> None:
         m, c, row, x = self.num_memory, len(self.commands), self.num_schedule, self.start.numel_in(0)
+        anchor = (3,) if self.in_world else ()
         for function, inputs, output in (
             (self.start, (x,), self.num_start),
-            (self.begin, (self.num_start, c), m),
-            (self.advance, (m, 1, x, c, 1, row), m),
+            (self.begin, (self.num_start, c, *anchor), m),
+            (self.advance, (m, 1, x, c, 1, row, *anchor), m),
             (self.move, (m, 3), m),
-            (self.sample, (1, m, 1, row), self.num_sample),
+            (self.sample, (1, m, 1, row, *anchor), self.num_sample),
             (self.pose, (1, m), 3),
         ):
             got = tuple(function.numel_in(i) for i in range(function.n_in())), function.numel_out(0)
@@ -90,6 +95,16 @@ class ReferenceFunctions:
                     f"reference functions, {what}: wrong size - got shape {np.shape(given)}, expected ({expected},); "
                     "give one number per entry"
                 )
+
+    @property
+    def in_world(self) -> bool:
+        """Whether targets depend on where the frame of a plan is in the world."""
+        return bool(self.sample.n_in() > 4)
+
+    def placed(self, function: cs.Function, *inputs: object, anchor: PlanarFrame) -> Array:
+        """Return what ``begin``, ``advance`` or ``sample`` returns, as an array, in a frame that is at ``anchor``."""
+        more = (np.array(anchor),) if self.in_world else ()
+        return np.asarray(function(*inputs, *more), dtype=float).ravel()
 
     @property
     def num_sample(self) -> int:

@@ -210,6 +210,7 @@ class Constraint(Term):
             that returns it; None: the natural size of the unit, see :class:`Sizes`, which is 1 for most models.
         labels: names of the rows, or a function of the model that returns them.
         at_reset: further rows at the resets after phases; None for none.
+        usual: the largest usual values of parameters by name, and why; larger ones are likely mistakes.
     """
 
     kind: Literal["inequality", "equality"]
@@ -219,6 +220,7 @@ class Constraint(Term):
     scale: float | Callable[[Any], float] | None = None
     labels: Any = None
     at_reset: ResetRows | None = None
+    usual: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -453,19 +455,22 @@ def inequality(
     labels: Any = None,
     at_reset: ResetRows | None = None,
     positive: Iterable[str] = (),
+    usual: Mapping[str, tuple[float, str]] | None = None,
 ) -> Any:
     """Return the constraint lower ≤ f(s) ≤ upper; usable as a function, or as a decorator with or without arguments.
 
     Without bounds the constraint is f(s) ≥ 0. Bounds are numbers, or :func:`over_phase` of a function of the time
     within a phase. Rows that depend only on the state hold at every node, other rows at every stage. ``at_reset`` adds
     rows on the impulses of impacts, see :class:`ResetRows`. ``positive`` are the names of parameters whose values must
-    be above zero.
+    be above zero. ``usual`` has the largest usual value of parameters, and what to do about a larger one, of which a
+    warning tells.
     """
     if lower is None and upper is None:
         lower = 0.0
     return _constraint(
         "inequality", function, name, lower=lower, upper=upper, unit=unit, scale=scale, at=at, when=when, mask=mask,
         parameters=_numbers(parameters), labels=labels, at_reset=at_reset, positive=frozenset(positive),
+        usual=dict(usual or {}),
     )  # fmt: skip
 
 

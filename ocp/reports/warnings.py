@@ -13,6 +13,7 @@ from ..language import ProblemWarning
 from .constant_costs import constant_costs
 from .contradictions import contradictions, same_twice
 from .grid import few_steps
+from .large_parameters import large_parameters
 from .reach import out_of_reach
 from .short_references import short_references
 from .turns import far_angles, many_turns, other_order
@@ -34,6 +35,7 @@ def find_warnings(compiled: CompiledProblem) -> list[ProblemWarning]:
     found += [*few_steps(compiled), *many_turns(compiled), *far_angles(compiled), *other_order(compiled)]
     found += [*initial_violations(compiled), *same_twice(compiled), *contradictions(compiled)]
     found += [*out_of_reach(compiled), *constant_costs(compiled), *short_references(compiled)]
+    found += large_parameters(compiled)
     guesses = {phase: Guess(phase) for phase in compiled.phases if _turning(phase)}
     if guesses:
         stages = {phase: guess.stage["residual"] for phase, guess in guesses.items()}

@@ -28,6 +28,8 @@ def generated_functions(horizon: Horizon) -> dict[str, cs.Function]:
         before = pieces[i - 1].functions if i else None
         if before is not None:
             found[f"piece{i}_pick"] = of.pick(before.quantities)
+    if horizon.courses.placed is not None:
+        found["placed"] = horizon.courses.placed
     head = horizon.models[0]
     if head.planar_pose is None:
         return found

@@ -107,7 +107,7 @@ class NumpyTick:
         began = time.perf_counter()
         before, earlier = self.course, copy(self.clock)
         begin = round(t / horizon.dt) * horizon.calendar.steps[0]
-        self.clock.retime(x, begin, None if before is None else before.tick)
+        self.clock.retime(x, begin, None if before is None else before.tick, None if anew else before)
         shift, same = self.clock.seconds, self.clock.shift == earlier.shift
         t -= shift
         try:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from piaffe.errors import SolverError
-from piaffe.ocp import Horizon
+from piaffe.ocp import Course, Horizon
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,8 @@ class Retiming:
     it is at the height z_l, at which the declared path lands, is::
 
         τ = (v + √(v² + 2 g (z − z_l))) / g,    or v / g if it never gets that high
+
+    On a terrain z_l is the height of the targets at the landing, which go with the ground where the robot steps.
 
     The clock of the motion is shifted by the difference of τ and the scheduled time, in whole time steps; all that
     comes later moves with it. The difference is filtered over the plans of a flight, and bounded for each flight.
@@ -73,20 +75,21 @@ class Clock:
         """The shift [s]."""
         return self.shift * self.horizon.calendar.tick
 
-    def retime(self, x: Array, k: int, present: int | None) -> None:
+    def retime(self, x: Array, k: int, present: int | None, course: Course | None = None) -> None:
         """Shift the clock by a state in the world (nx,).
 
         Args:
             x: the state.
             k: its tick since the motion's start, by the clock of the world.
             present: the motion's tick of the last plan; the motion does not go back.
+            course: that of the last plan; without one, no landing on a terrain is known.
         """
         horizon, calendar, own = self.horizon, self.horizon.calendar, self.retiming
         if own is None or k - self.shift < 0 or k - self.shift >= calendar.total:
             return
         place = calendar.at(k - self.shift)
         target = float(horizon.falls.heights[place.entry])
-        if not isfinite(target):
+        if not isfinite(target) or (horizon.falls.follows and course is None):
             return
         if place.number != self._flight:
             self._flight, self._base, self._late = place.number, self.shift, 0.0
@@ -94,7 +97,10 @@ class Clock:
         store = horizon.tables.modes[int(table.mode[place.entry])]
         row = table.stage[int(table.first[place.entry]) + k - self.shift - place.start]
         p = store.rows[int(row[0])]
-        z, v, g = (float(each) for each in horizon.falls.functions[store.lowered](x, p).full().ravel())  # type: ignore[index]
+        fall = horizon.falls.functions[store.lowered]  # type: ignore[index]
+        z, v, g = (float(each) for each in fall(x, p).full().ravel())
+        if horizon.falls.follows and course is not None:
+            target = float(fall(horizon.landing_state(course, place), p)[0])
         square = v * v + 2 * g * (z - target)
         rest = (v + sqrt(square)) / g if square > 0 else max(v / g, 0.0)
         end = place.start + calendar.entries[place.entry].length

@@ -69,8 +69,8 @@ class HorizonTables(ct.Structure):
         (ct.c_long, "total period"),
         (ct.c_int, "num_entries cycle num_pieces num_segments num_targets num_modes num_transitions"),
         (_P, "entries segments pieces spaces samples frames initial modes transitions mode_tables transition_tables"),
-        (_P, "moved_sample pose solve policy adapt"),
-        (ct.c_int, "lean num_lanes num_work"),
+        (_P, "moved_sample pose placed solve policy adapt"),
+        (ct.c_int, "lean follows num_lanes num_work"),
         (_P, "clock followed"),
     )
 

@@ -100,11 +100,12 @@ class HorizonMemory(Keeper):
             initial=self.doubles(np.concatenate([np.zeros(0), *map(np.ravel, horizon.targets.initial)])),
             modes=self.array(s.Store, modes), transitions=self.array(s.Store, links),
             mode_tables=self.array(ct.c_void_p, of_modes), transition_tables=self.array(ct.c_void_p, of_links),
-            moved_sample=self._address("moved_sample"), pose=self._address("pose"),
+            moved_sample=self._address("moved_sample"), pose=self._address("pose"), placed=self._address("placed"),
             solve=ct.cast(solver.piaffe_solve, ct.c_void_p), policy=ct.cast(solver.piaffe_policy, ct.c_void_p),
             clock=ct.cast(solver.piaffe_now, ct.c_void_p),
             adapt=ct.cast(solver.piaffe_adapt, ct.c_void_p),
-            num_lanes=max(
+            follows=int(horizon.falls.follows),
+            num_lanes=3 + max(  # functions that do not depend on the plan's place in the world get it, too
                 sum(f.numel_in(i) for i in range(f.n_in())) + sum(f.numel_out(i) for i in range(f.n_out()))
                 for f in code.functions.values()
             ),

@@ -268,6 +268,23 @@ def test_all_gaits_keep_their_speed_with_one_objective(load):
     assert load("gaits_mpc").main(seconds=4.0) < 0.05
 
 
+@pytest.mark.parametrize("ground", ["stairs", "slope"])
+def test_the_trot_climbs_online_from_where_it_is(ground, load):
+    """Its first state is not the declared one, so steps are not where a motion that moves with the robot has them."""
+    module = load("stairs_mpc")
+    start = module.problem.initial.copy()
+    start[:2] += 0.07, -0.05
+    episode = module.run(ground, seconds=4.0, initial=start)
+    assert episode.success
+    assert episode.summary()["fallbacks"] == 0
+    assert episode.tracking(2.0, 4.0).velocity[0] == pytest.approx(0.5, rel=0.05)
+    x, terrain = episode.last, module.grounds[ground]
+    assert float(terrain.height(x[0], x[1])) > 0.11  # above the third step
+    assert x[2] - float(terrain.height(x[0], x[1])) == pytest.approx(module.robot.base_height("stand"), abs=0.03)
+    loaded = episode.forces[:, :, 2] > episode.least_force
+    assert np.mean(loaded == (episode.planned > 0.5)) > 0.95  # feet land when they are planned to
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.3, -0.3])
 def test_the_trot_turns_as_it_is_told_despite_losses_of_joints(rate, load):

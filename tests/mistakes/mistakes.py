@@ -124,6 +124,13 @@ UNITS = (
     Mistake("an initial roll in degrees",
             "x = BODY.state(joints='stand', rpy=(30, 0, 0))  # here\nproblem = jump(initial=x)",
             "target 'rpy': is many turns - got [30.0, 0.0, 0.0] rad"),
+    Mistake("an angle in degrees for a friction coefficient",
+            "limits = ocp.Constraints(models.friction_cone(mu=35))  # here\nproblem = jump(limits=limits)",
+            "parameter 'mu' is larger than such numbers are - got 35, expected at most 2"),
+    Mistake("a friction coefficient in per cent, as a parameter",
+            "limits = ocp.Constraints(models.friction_cone(0.7))  # here\n"
+            "problem = jump(limits=limits).with_parameters({'friction cone.mu': 60.0})",
+            "parameter 'mu' is larger than such numbers are - got 60"),
     Mistake("a gait's speed in kilometres an hour",
             "problem = jump(motion=models.gaits.trot(18.0).cycles(2))  # here",
             "its reference is out of reach"),
@@ -164,6 +171,16 @@ FRAMES = (
             "x = models.WholeBody(models.load('solo12')).state(joints='stand')\n"
             "problem = jump(ocp.Phase('stand', ALL, 0.4, pose()), initial=x)  # here",
             "standing foot is not on the ground"),
+    Mistake("the state of a robot that is a little larger",
+            "cheetah = models.WholeBody(models.load('mini_cheetah'))\n"
+            "x = BODY.state(joints='stand')\n"
+            "problem = jump(ocp.Phase('stand', ALL, 0.4), body=cheetah, initial=x,"
+            " limits=ocp.Constraints(models.torque_limits()))  # here",
+            "all standing feet are off the ground - got 0.0"),
+    Mistake("the state of a robot whose knees bend the other way",
+            "x = models.WholeBody(models.load('mini_cheetah')).state(joints='stand')\n"
+            "problem = jump(ocp.Phase('stand', ALL, 0.4, pose()), initial=x)  # here",
+            "joint of the initial state beyond its limit - got FL_calf_joint at 2."),
     Mistake("a base at the height of the ground",
             "x = BODY.state(position=(0, 0, 0), joints='stand')\n"
             "problem = jump(ocp.Phase('stand', ALL, 0.4, pose()), initial=x)  # here",

@@ -362,11 +362,11 @@ def test_swings_of_a_gait_pass_above_the_edges_of_stairs():
         assert distance.min() > robot.foot_radius - 1e-9
 
 
-def test_functions_of_a_gait_are_refused_on_terrain():
-    body = models.WholeBody(models.load("go2"), terrain=SLOPE)
+def test_functions_of_a_gait_are_refused_on_a_height_field():
+    body = models.WholeBody(models.load("go2"), terrain=BUMPS)
     start = body.state.unpack(body.state(joints="stand"))
     bound = models.gaits.trot(0.2).bind((body,), start).placed[0].reference
-    with pytest.raises(ProblemError, match="has no functions of time on this ground - got Incline"):
+    with pytest.raises(ProblemError, match="has no functions of time on this ground - got a height field of 8 by 8"):
         bound.functions()
 
 
@@ -393,26 +393,91 @@ def hop(ground, **more):
     return ocp.Problem(motion, body.over(0.3, dt=0.02), objective, limits, initial=x)
 
 
-def test_a_horizon_has_the_planes_of_the_compiled_problem_and_moves_them_with_its_frame():
+def test_a_horizon_has_the_planes_of_the_compiled_problem():
     problem = hop(SLOPE)
     horizon = ocp.Horizon(problem)
-    turned = problem.initial.copy()
-    yaw, shift = 0.6, np.array([0.3, -0.2])
-    c, s = np.cos(yaw), np.sin(yaw)
-    turned[:2] = shift + np.array([c * turned[0] - s * turned[1], s * turned[0] + c * turned[1]])
-    turned[3:7] = rotation.np_multiply(np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]), turned[3:7])
     for t in (0.0, 0.1, 0.2, 0.26, 0.4):
-        expected = ocp.compile_problem(problem, t)
-        for start in (problem.initial, turned):  # planning happens where the declared motion is
-            made = horizon.at(horizon.begin(start if t == 0.0 else problem.initial, t), problem.initial)
-            for one, other in zip(made.phases, expected.phases, strict=True):
-                assert one.p == pytest.approx(other.p, abs=1e-12)
-                assert one.p_end == pytest.approx(other.p_end, abs=1e-12)
+        expected, x = ocp.compile_problem(problem, t), problem.initial.copy()
+        x[:3] = expected.path.sample(t, expected.path.interval_at(t))[base.position]
+        made = horizon.at(horizon.begin(x, t), problem.initial)
+        for one, other in zip(made.phases, expected.phases, strict=True):
+            assert one.p == pytest.approx(other.p, abs=1e-12)
+            assert one.p_end == pytest.approx(other.p_end, abs=1e-12)
 
 
-def test_motions_that_go_on_over_unknown_ground_are_refused_in_a_horizon():
-    with pytest.raises(ProblemError, match="goes on where the ground is not known beforehand"):
+def elsewhere(x, yaw, shift):
+    """Return a state moved in the plane."""
+    turned, (c, s) = x.copy(), (np.cos(yaw), np.sin(yaw))
+    turned[:2] = shift + np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
+    turned[3:7] = rotation.np_multiply(np.array([np.cos(yaw / 2), 0, 0, np.sin(yaw / 2)]), x[3:7])
+    return turned
+
+
+@pytest.mark.parametrize("ground", [SLOPE, STAIRS, BUMPS, terrain.incline(0.2, start=0.1)], ids=str)
+def test_planes_of_a_horizon_are_those_of_the_world_wherever_the_motion_begins(ground):
+    """A motion with keyframes moves with the robot; the ground does not."""
+    problem, yaw, shift = hop(ground), 0.6, np.array([0.3, -0.2])
+    horizon = ocp.Horizon(problem)
+    course = horizon.begin(elsewhere(problem.initial, yaw, shift), 0.0)
+    assert course.anchor == pytest.approx((*shift, yaw), abs=1e-12)
+    phases = horizon.at(course, problem.initial).phases
+    declared = ocp.compile_problem(problem, checks=False).phases
+    back = ocp.relative(ocp.ORIGIN, course.anchor)
+    layout = phases[0].mode.layout.slots
+    for row, own in ((phases[0].p[0], declared[0].p[0]), (phases[1].p_end, declared[1].p_end)):  # standing, landing
+        points, normals = (row[layout[name]][:12].reshape(4, 3) for name in ("surfaces", "normals"))
+        steps = own[layout["surfaces"]][:12].reshape(4, 3)  # where the feet are declared
+        places, upward = ground.surface(elsewhere_points(steps, course.anchor)[:, :2])
+        assert points == pytest.approx(elsewhere_points(places, back), abs=1e-12)
+        assert normals == pytest.approx(elsewhere_points(upward, (0.0, 0.0, -yaw)), abs=1e-12)
+    # the targets of the base and the feet go with the ground
+    rise = places[:, 2] - steps[:, 2]
+    assert np.abs(rise).max() > 0.003
+    assert (phases[1].guess_states[-1] - declared[1].guess_states[-1])[2] == pytest.approx(rise.mean(), abs=1e-12)
+
+
+def elsewhere_points(points, motion):
+    c, s = np.cos(motion[2]), np.sin(motion[2])
+    x, y, z = np.asarray(points).T
+    return np.column_stack([motion[0] + c * x - s * y, motion[1] + s * x + c * y, z])
+
+
+def test_motions_without_end_of_keyframes_are_refused_in_a_horizon():
+    with pytest.raises(ProblemError, match="repeats where the ground does not"):
         ocp.Horizon(hop(SLOPE, cyclic=True))
+
+
+@pytest.mark.parametrize("ground", [SLOPE, STAIRS], ids=["slope", "stairs"])
+def test_the_horizon_of_a_gait_without_end_is_the_compiled_problem(ground):
+    """In the frame of a plan, which is elsewhere."""
+    robot = models.load("go2")
+    body, rigid = models.WholeBody(robot, terrain=ground), models.SingleRigidBody(robot, terrain=ground)
+    x = elsewhere(models.WholeBody(robot).state(joints="stand"), 0.4, np.array([0.2, -0.1]))
+    x[2] += np.mean(ground.height(*body.foot_positions(x)[:, :2].T))
+    objective = ocp.Objective(
+        ocp.track(base.position, weight=1.0), ocp.track(feet.position, weight=1.0), ocp.track(feet.height, weight=1.0),
+        ocp.track(feet.force, weight=0.01), ocp.regularize(joints.torque, weight=0.01),
+    )  # fmt: skip
+    limits = ocp.Constraints(models.friction_cone(0.6), models.foot_clearance())
+    schedule = body.over(0.3, dt=0.02).without(objective.terms[3]) + rigid.over(0.4, dt=0.05).without(limits)
+    trot = models.gaits.trot(0.3, stance_time=0.2, intro=0.1)
+    problem = ocp.Problem(trot, schedule, objective, limits, initial=x)
+    horizon, expected = ocp.Horizon(problem), ocp.compile_problem(problem)
+    course = horizon.begin(x, 0.0)
+    made = horizon.at(course, horizon.local(course, x))
+    assert course.anchor == pytest.approx((0.2, -0.1, 0.4))
+    for one, other in zip(made.phases, expected.phases, strict=True):
+        states = horizon.courses.moved(one.guess_states, course.anchor) if one.mode.model is body else None
+        if states is not None:
+            assert states == pytest.approx(other.guess_states, abs=2e-7)  # angles are iterated
+        slots = one.mode.layout.slots
+        for mine, theirs in zip(one.p, other.p, strict=True):
+            points, normals = (each[slots[name]].reshape(-1, 3) for each in (mine,) for name in ("surfaces", "normals"))
+            wanted, upward = (theirs[slots[name]].reshape(-1, 3) for name in ("surfaces", "normals"))
+            normals = elsewhere_points(normals, (0.0, 0.0, course.anchor[2]))
+            assert normals == pytest.approx(upward, abs=1e-9)
+            points = elsewhere_points(points, course.anchor)
+            assert np.sum(points * normals, axis=1) == pytest.approx(np.sum(wanted * upward, axis=1), abs=1e-9)
 
 
 def test_both_backends_walk_the_same_iterates_on_terrain():

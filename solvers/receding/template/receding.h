@@ -76,9 +76,11 @@ typedef struct {
     const Mode *const *mode_tables;
     const Transition *const *transition_tables;
     function moved_sample, pose;        /* of a sample by a motion; planar frame of a state; 0 if nothing moves */
+    function placed;                    /* of a sample and the plan's frame in the world: what depends on the world; 0 if nothing does */
     int (*solve)(Problem *, int), (*policy)(Problem *);
     void (*adapt)(Problem *, int, double);
     int lean;                           /* plans have only what low levels and the next plan read */
+    int follows;                        /* whether the heights of landings are those of samples, and not those of the entries */
     int num_lanes, num_work;            /* vectors that go into and out of a function of these tables, and that it works with */
     double (*clock)(const Problem *);   /* seconds */
     const int *followed;                /* (num_modes): number of a mode for low levels, -1 for one that they do not follow */
