@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from piaffe import models, ocp, simulation, solvers
+from piaffe import models, ocp, simulation, solvers, viz
 from piaffe.models import base, feet, joints
 from piaffe.ocp import rotation
 
@@ -55,17 +55,28 @@ class Settings:
     in_stance: float = 1.0
 
 
-CHOSEN = Settings()
+GAINS: dict[str, Any] = {"kp": 3.0, "kd": (1.0, 0.5, 0.5) * 4, "in_stance": 0.25}  # published, for the whole body
+FIRST = Settings()
 PUBLISHED = Settings("published", force=0.1, iterations=2, mu=0.7)
 CANDIDATES = {
-    "40": CHOSEN,
-    "20": replace(CHOSEN, kp=20.0, kd=0.5),
-    "40 force 0.0005": replace(CHOSEN, force=0.0005),
-    "20 a quarter": replace(CHOSEN, kp=20.0, kd=0.5, in_stance=0.25),
+    "40": FIRST,
+    "20": replace(FIRST, kp=20.0, kd=0.5),
+    "40 force 0.0005": replace(FIRST, force=0.0005),
+    "20 a quarter": replace(FIRST, kp=20.0, kd=0.5, in_stance=0.25),
     "published 40": PUBLISHED,
-    "published 3 a quarter": replace(PUBLISHED, kp=3.0, kd=(1.0, 0.5, 0.5) * 4, in_stance=0.25),
+    "published 3 a quarter": replace(PUBLISHED, **GAINS),
+    "published 40 force 0.01": replace(PUBLISHED, force=0.01),
+    "published 40 force 0.001": replace(PUBLISHED, force=0.001),
+    "3 a quarter force 0.0005": replace(FIRST, force=0.0005, **GAINS),
 }
-CONTROLLERS = {"whole body": None, "kinodynamic": CHOSEN, "kinodynamic, published weights": PUBLISHED}
+CHOSEN = CANDIDATES["40 force 0.0005"]
+CONTROLLERS = {
+    "whole body": None,
+    "kinodynamic": CHOSEN,
+    "kinodynamic, soft joints": replace(CHOSEN, **GAINS),
+    "kinodynamic, published weights": CANDIDATES["published 40 force 0.001"],
+}
+STRIP = (0.10, 0.30, 0.45, 0.60, 0.75, 0.90, 1.05, 2.00)  # [s]
 
 
 @cache
@@ -250,6 +261,62 @@ def study(file: Path, controllers: dict[str, Settings | None], seeds: range) -> 
                 yield row
 
 
+def table(found: list[dict[str, str]]) -> str:
+    """Return the table of the judged episodes."""
+    head = (
+        "motion", "controller", "successes", "falls", "legs cross", "knees or base touch", "median speed [m/s]",
+        "median apex [m]", "least distance of legs, median [m]", "ticks at a torque limit", "plan [ms]",
+    )  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for motion in MOTIONS:
+        for name in CONTROLLERS:
+            own = [row for row in found if (row["motion"], row["controller"]) == (motion, name)]
+            if not own:
+                continue
+            speeds = [float(row["speed_m_per_s"]) for row in own if row["speed_m_per_s"] != "nan"]
+            middle = {
+                key: float(np.median([float(row[key]) for row in own])) for key in ("apex_m", "apart_m", "plan_ms")
+            }
+            counts = (
+                sum(int(row["success"]) for row in own), sum(bool(row["fault"]) for row in own),
+                sum(float(row["apart_m"]) < 0 for row in own), sum(bool(row["other_contacts"]) for row in own),
+            )  # fmt: skip
+            cells = (
+                motion, name, *(f"{count} of {len(own)}" for count in counts),
+                f"{np.median(speeds):.3f}" if speeds else "–", f"{middle['apex_m']:.3f}", f"{middle['apart_m']:.3f}",
+                f"{100 * np.mean([float(row['limited']) for row in own]):.1f} %", f"{middle['plan_ms']:.1f}",
+            )  # fmt: skip
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def figure(seed: int = 0) -> None:
+    """Draw the rolls of a seed as film strips, one below the other, into ``fig12.png``."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+    from PIL import Image
+
+    drawn, axes = plt.subplots(len(CONTROLLERS), len(STRIP), figsize=(1.5 * len(STRIP), 1.35 * len(CONTROLLERS)))
+    for line, (name, settings) in zip(axes, CONTROLLERS.items(), strict=True):
+        episode = run("roll", settings, seed)
+        for ax, t in zip(line, STRIP, strict=True):
+            ax.set_axis_off()
+            if t > episode.end and episode.fault:
+                continue
+            state = episode.states[np.searchsorted(episode.times, t - 1e-9).clip(0, len(episode.times) - 1)]
+            ax.imshow(viz.picture(ours().robot, state, size=(320, 240), azimuth=180.0))
+            ax.set_title(f"{t:.2f} s", fontsize=7, loc="left", pad=2)
+        fell = f", falls at {episode.end:.2f} s" if episode.fault else ""
+        line[0].text(0, -34, f"{name}{fell}", fontsize=8, fontweight="bold")
+    drawn.subplots_adjust(left=0.005, right=0.995, top=0.93, bottom=0.005, wspace=0.03, hspace=0.3)
+    drawn.savefig(HERE / "fig12.png", dpi=110)
+    plt.close(drawn)
+    with Image.open(HERE / "fig12.png") as picture:
+        picture.convert("RGB").quantize(96).save(HERE / "fig12.png", optimize=True)
+
+
 def main() -> None:
     """Run what is missing, and make the table and the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -257,12 +324,15 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--choose", action="store_true")
     given = parser.parse_args()
+    viz.gl.prepare()  # before MuJoCo is imported
     if given.choose:
         for row in study(HERE / "fig12_choice.csv", dict(CANDIDATES), range(500, 500 + given.seeds)):
             print(row, flush=True)
         return
     for row in study(HERE / "fig12.csv", CONTROLLERS, range(given.first, given.first + given.seeds)):
         print(row, flush=True)
+    (HERE / "fig12.md").write_text(table(rows(HERE / "fig12.csv")))
+    figure()
 
 
 if __name__ == "__main__":
