@@ -131,19 +131,20 @@ def test_a_planner_gets_its_part_of_the_state_and_everything_else() -> None:
 
 
 @pytest.mark.slow
-def test_a_kinodynamic_trot_keeps_its_speed_on_the_plant() -> None:
+def test_a_kinodynamic_trot_with_a_rigid_body_behind_it_keeps_its_speed_on_the_plant() -> None:
     objective = ocp.Objective(
         ocp.track(base.position, weight=(0, 0, 50)),
         ocp.track(base.orientation, weight=2.0),
         ocp.track(base.linear_velocity, weight=10.0),
         ocp.track(base.angular_velocity, weight=1.0),
         ocp.track(joints.position, weight=1.0),
-        ocp.track(feet.force, weight=0.002),
+        ocp.track(feet.force, weight=0.0005),
         ocp.regularize(joints.commanded_velocity, weight=0.001),
     )
     limits = ocp.Constraints(models.friction_cone(mu=0.6), models.foot_clearance())
-    trot = models.gaits.trot(speed=0.3, velocity_gain=0.02)
-    problem = ocp.Problem(trot, MODEL.over(0.6, dt=0.01), objective, limits, initial=MODEL.state(joints="stand"))
+    trot = models.gaits.trot(speed=0.3, velocity_gain=0.02, lag_gain=1.0)
+    schedule = MODEL.over(0.3, dt=0.01) + models.SingleRigidBody(ROBOT).over(0.3, dt=0.05)
+    problem = ocp.Problem(trot, schedule, objective, limits, initial=MODEL.state(joints="stand"))
     mpc, plant = solvers.RecedingHorizon(problem), simulation.Plant(ROBOT, friction=0.7)
     tracker = low(mpc.plan(problem.initial, 0.0), kp=40.0, kd=1.0)
     planner = simulation.PartOfState(mpc, MODEL.state, plant.space)
@@ -152,4 +153,4 @@ def test_a_kinodynamic_trot_keeps_its_speed_on_the_plant() -> None:
     assert episode.success
     found = episode.tracking(2.0)
     assert found is not None
-    assert found.velocity[0] == pytest.approx(0.3, rel=0.25)
+    assert found.velocity[0] == pytest.approx(0.3, rel=0.1)
