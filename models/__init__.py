@@ -16,6 +16,7 @@ from .costs import soft_landing as soft_landing
 from .doctor import diagnose as diagnose
 from .doctor_text import Finding as Finding
 from .ground_warnings import heights_off_ground as heights_off_ground
+from .hybrid_kinodynamic import HybridKinodynamic as HybridKinodynamic
 from .kinematics import Kinematics as Kinematics
 from .mujoco import BoundAction as BoundAction
 from .mujoco import Fall as Fall

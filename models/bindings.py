@@ -42,10 +42,10 @@ def bind_motion(
         motion: the recursion over its tree at the state x.
         x: the state, (nx, 1).
         p: ``contact``, ``landing``, ``lifting``, ``foot_radius``, ``link_mass``, ``link_com`` and ``link_inertia``, as
-            in the slots of the whole body.
+            in the slots of the whole body; without the last three, there is no centre of mass and no momentum.
         ground: the ground.
     """
-    body, each, names, contacts = inertials(p), foot_labels(robot), robot.joint_names, foot_points(robot, points)
+    each, names, contacts = foot_labels(robot), robot.joint_names, foot_points(robot, points)
     nq, make = motion.tree.nq, Makers()
 
     def places() -> list[cs.SX]:
@@ -89,9 +89,11 @@ def bind_motion(
     make.supply(feet.contact, robot.foot_names, lambda: p["contact"])
     make.supply(feet.landing, robot.foot_names, lambda: p["landing"])
     make.supply(feet.lifting, robot.foot_names, lambda: p["lifting"])
-    make.supply(com.position, XYZ, lambda: motion.centre_of_mass(body))
-    make.supply(com.velocity, XYZ, lambda: motion.momentum(body)[0] / cs.sum1(p["link_mass"]))
-    make.supply(momentum, XYZ, lambda: motion.momentum(body)[1])
+    if "link_mass" in p:
+        body = inertials(p)
+        make.supply(com.position, XYZ, lambda: motion.centre_of_mass(body))
+        make.supply(com.velocity, XYZ, lambda: motion.momentum(body)[0] / cs.sum1(p["link_mass"]))
+        make.supply(momentum, XYZ, lambda: motion.momentum(body)[1])
     for name, point in points.items():
         make.supply(frames[name].position, XYZ, partial(motion.point, point))
         make.supply(frames[name].velocity, XYZ, partial(motion.velocity, point))

@@ -74,13 +74,13 @@ class LegExpression:
         for _ in range(steps):
             foot, jacobian = self.jacobian(angles)
             error = target - foot
-            angles = angles + _damped_step(jacobian, error, 0.5 * cs.sumsqr(error) + DAMPING_FLOOR)
+            angles = angles + damped_step(jacobian, error, 0.5 * cs.sumsqr(error) + DAMPING_FLOOR)
             angles = cs.vertcat(*(self._limited(i, angles[i]) for i in range(len(self.joints))))
         return angles
 
     def rates(self, angles: cs.SX, velocity: cs.SX) -> cs.SX:
         """Return the rates of the angles that move the foot at a velocity in base axes, (k, 1) [rad/s]."""
-        return _damped_step(self.jacobian(angles)[1], velocity, cs.SX(RATE_DAMPING))
+        return damped_step(self.jacobian(angles)[1], velocity, cs.SX(RATE_DAMPING))
 
     def _limited(self, i: int, angle: cs.SX) -> cs.SX:
         if np.isfinite(self.lower[i]):
@@ -116,7 +116,7 @@ def foot_expressions(kinematics: Kinematics, joints: cs.SX) -> list[cs.SX]:
     return feet
 
 
-def _damped_step(jacobian: cs.SX, rate: cs.SX, damping: cs.SX) -> cs.SX:
+def damped_step(jacobian: cs.SX, rate: cs.SX, damping: cs.SX) -> cs.SX:
     """Return Jᵀ (J Jᵀ + λ I)⁻¹ r, (k, 1), by cofactors; with fewer than three joints the equal (JᵀJ + λ I)⁻¹ Jᵀ r."""
     if jacobian.shape[1] < 3:
         gram = jacobian.T @ jacobian + damping * np.eye(jacobian.shape[1])

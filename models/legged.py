@@ -14,6 +14,8 @@ from piaffe.errors import ModelError, ShapeError, UnknownNameError
 from piaffe.ocp import (
     BallisticPoint,
     Block,
+    Bound,
+    ContactPoint,
     Manifold,
     ModelBase,
     Node,
@@ -234,6 +236,19 @@ class LeggedModel(ModelBase):
     def lands(self, node: Node) -> bool:
         """Return whether a foot touches down at this phase end."""
         return bool(self.node_parameters(node).get("landing", np.zeros(1)).any())
+
+    def landing_heights(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
+        """Return the heights of the feet, with those that touch down at the phase's end as mask."""
+        height = quantities.bind(feet.height)
+        return Bound(height.quantity, height.value, height.labels, mask=p["landing"], scale=natural.length(self))
+
+    def standing_points(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> tuple[ContactPoint, ...]:
+        """Return that the feet on the ground do not move."""
+        place, height = quantities.bind(feet.position).value, self.true_heights(quantities, p)
+        return tuple(
+            ContactPoint(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
+            for i, name in enumerate(self.robot.foot_names)
+        )
 
     def ballistic_centre(self, quantities: Quantities, p: Mapping[str, cs.SX]) -> BallisticPoint:
         """Return that the centre of mass falls freely if no foot is on the ground."""

@@ -22,8 +22,17 @@ base = group(
 upward normal, in body axes, of the plane that fits the terrain below the feet; it is (0, 0, 1) if the base is parallel
 to this plane."""
 
-joints = group("joints", position="rad", velocity="rad/s", acceleration="rad/s^2", torque="Nm", target="rad")
-"""The actuated joints, in state order; ``target`` is the target angle of a joint controller."""
+joints = group(
+    "joints",
+    position="rad",
+    velocity="rad/s",
+    acceleration="rad/s^2",
+    torque="Nm",
+    target="rad",
+    commanded_velocity="rad/s",
+)
+"""The actuated joints, in state order; ``target`` is the target angle of a joint controller, ``commanded_velocity`` the
+velocity that the control of a kinodynamic model asks for: legs on the ground do not follow it."""
 
 feet = group(
     "feet",

@@ -8,10 +8,8 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from piaffe.errors import ModelError
 from piaffe.ocp import (
     Block,
     Bound,
@@ -31,6 +29,7 @@ from .ground import declared_ground, ground_slots
 from .holding import holding_forces
 from .integrators import Integrator, begun, checked_integrator, finished, integrate
 from .legged import POSE_BLOCKS, VELOCITY_BLOCKS, LeggedModel, require_floating
+from .one_body import body_numbers, moment_maps, next_velocity, refused_inertia, spin_momentum
 from .postures import HEIGHT, XYZ, foot_labels, place_feet
 from .quantities import base, com, feet, momentum
 from .robot import Robot, require_robot
@@ -74,27 +73,21 @@ class SingleRigidBody(LeggedModel):
         name: str | None = None,
     ) -> None:
         require_robot(robot, "models.SingleRigidBody")
-        if mass is not None and not (isinstance(mass, int | float | np.floating) and 0 < mass < np.inf):
-            raise ModelError(
-                f"rigid body of '{robot.name}': mass is out of range - got {mass!r}, expected a positive number [kg]; "
-                "give one"
-            )
+        body = body_numbers(robot, mass, inertia)
         chosen = checked_integrator(integrator, ("euler", "midpoint"), f"rigid body of '{robot.name}'")
         nf, ground = len(robot.feet), checked_terrain(terrain, "models.SingleRigidBody")
         slots = {
             "contact": np.zeros(nf),
             "footholds": np.zeros(3 * nf),
             **ground_slots(ground, nf),
-            "mass": robot.mass if mass is None else mass,
-            "inertia": _six(robot, _standing_inertia(robot) if inertia is None else inertia),
-            "gravity": robot.model.gravity.linear,
+            **body,
         }
         control = Manifold((Block(feet.force, foot_labels(robot)),))
         require_floating(robot, "models.SingleRigidBody")
         state = (*POSE_BLOCKS, *VELOCITY_BLOCKS)
         super().__init__(
             robot, name or f"{robot.name} rigid body", state, control, slots=slots, cut_by_modes=False,
-            positive=("mass",), checks={"inertia": _refused_inertia},
+            positive=("mass",), checks={"inertia": refused_inertia},
             terrain=ground,
         )  # fmt: skip
         self.integrator = chosen
@@ -121,31 +114,20 @@ class SingleRigidBody(LeggedModel):
     def control_guess(self, nodes: Sequence[Node], states: Array, p: Mapping[str, Array]) -> dict[Quantity, Array]:
         """Return the smallest forces that hold the body at rest, (N, 3 nf) [N]; see :func:`holding_forces`."""
         arms = p["footholds"].reshape(len(nodes), -1, 3) - states[:-1, None, :3]
-        maps = np.zeros((len(nodes), 6, 3 * self.num_feet))
-        for i in range(3):
-            maps[:, i, i::3] = 1.0
-            maps[:, 3:, i::3] = np.cross(arms, np.eye(3)[i]).swapaxes(1, 2)
         weight = np.hstack([-p["mass"] * p["gravity"], np.zeros((len(nodes), 3))])
-        return {feet.force: holding_forces(maps, p["contact"], weight, self.sizes.length)}
+        return {feet.force: holding_forces(moment_maps(arms), p["contact"], weight, self.sizes.length)}
 
     def dynamics(self, key: str, x: cs.SX, u: cs.SX, z: cs.SX, p: Mapping[str, cs.SX]) -> Dynamics:
         """Return the dynamics, the same for every contact set; see the class."""
         dt = p["dt"]
         at = x if self.integrator == "euler" else cs.SX.sym("m", self.state.nx)
-        position, R, omega = at[:3], rotation.matrix(at[3:7]), at[10:13]
         force, torque = cs.SX.zeros(3), cs.SX.zeros(3)
         for i in range(self.num_feet):
             acting = p["contact"][i] * u[3 * i : 3 * i + 3]
             force += acting
-            torque += cs.cross(p["footholds"][3 * i : 3 * i + 3] - position, acting)
-        xx, yy, zz, xy, xz, yz = cs.vertsplit(p["inertia"])
-        tensor = cs.vertcat(cs.horzcat(xx, xy, xz), cs.horzcat(xy, yy, yz), cs.horzcat(xz, yz, zz))
-        inertia, momentum = tensor, tensor @ omega
-        if self.integrator == "midpoint":  # ω × I ω is the mean of ω × I ω⁺ and ω⁺ × I ω, with ω⁺ = ω + ω̇ dt
-            inertia = tensor + dt / 2 * (cs.skew(omega) @ tensor - cs.skew(momentum))
-        spin = _inverse(inertia) @ (R.T @ torque - cs.cross(omega, momentum))
-        v_next = at[7:13] + cs.vertcat(force / p["mass"] + p["gravity"], spin) * dt
-        quantities = Quantities(self.name, self._makers(x, u, rotation.matrix(x[3:7]) @ tensor @ x[10:13], p))
+            torque += cs.cross(p["footholds"][3 * i : 3 * i + 3] - at[:3], acting)
+        v_next = next_velocity(at[3:7], at[7:13], force, torque, dt, p, mean=self.integrator == "midpoint")
+        quantities = Quantities(self.name, self._makers(x, u, spin_momentum(x[3:7], x[10:13], p), p))
         if at is x:
             next_state = cs.vertcat(integrate(x[:7], x[7:13], dt), v_next)
             return Dynamics(cs.SX(0, 1), next_state, quantities, outputs=(feet.force, *self._recorded))
@@ -216,49 +198,3 @@ class SingleRigidBody(LeggedModel):
 
 def _same(bound: Bound) -> Bound:
     return bound
-
-
-def _standing_inertia(robot: Robot) -> Array:
-    """Return the inertia of the standing robot about its centre of mass, in body axes, (3, 3) [kg m²]."""
-    q = pin.neutral(robot.model)
-    q[7:] = robot.pose("stand")
-    data = robot.model.createData()
-    pin.ccrba(robot.model, data, q, np.zeros(robot.model.nv))
-    return np.array(data.Ig.inertia)
-
-
-def _six(robot: Robot, inertia: ArrayLike) -> Array:
-    """Return xx, yy, zz, xy, xz, yz of an inertia; raise ModelError if it is not the inertia of a rigid body."""
-    array: Array = np.asarray(inertia, dtype=float)
-    if array.shape == (3, 3) and np.allclose(array, array.T):
-        array = array[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    if array.shape != (6,):
-        raise ModelError(
-            f"rigid body of '{robot.name}': inertia is unusable - got shape {array.shape}, expected a symmetric (3, 3) "
-            "tensor or its (xx, yy, zz, xy, xz, yz) [kg m^2]; give one of them"
-        )
-    principal = _principal(array)
-    if not np.all(principal > 0):
-        raise ModelError(
-            f"rigid body of '{robot.name}': inertia is not positive - got principal inertias {principal.tolist()} "
-            "kg m^2, expected positive ones; check its signs"
-        )
-    return array
-
-
-def _principal(six: Array) -> Array:
-    """Return the principal inertias of xx, yy, zz, xy, xz, yz, (3,) [kg m^2]; the six if they are not finite."""
-    xx, yy, zz, xy, xz, yz = six
-    return np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) if np.all(np.isfinite(six)) else six
-
-
-def _refused_inertia(six: Array) -> str:
-    """Return what is expected of an inertia as a parameter; empty if it is usable."""
-    return "" if np.all(_principal(six) > 0) else "an inertia with positive principal values [kg m^2]"
-
-
-def _inverse(tensor: cs.SX) -> cs.SX:
-    """Return the inverse of a (3, 3) matrix by its cofactors."""
-    a, b, c = tensor[0, :].T, tensor[1, :].T, tensor[2, :].T
-    cofactors = cs.horzcat(cs.cross(b, c), cs.cross(c, a), cs.cross(a, b))
-    return cofactors / cs.dot(a, cofactors[:, 0])

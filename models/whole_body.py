@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from piaffe.ocp import (
     Block,
     Bound,
-    ContactPoint,
     Dynamics,
     Invariants,
     Manifold,
@@ -22,7 +21,6 @@ from piaffe.ocp import (
     SplitStep,
 )
 
-from . import natural
 from ._numeric import NumericWholeBody
 from .bindings import absent_quantities, bind_motion, foot_points, frame_points, in_contact_axes, stacked
 from .contact_system import contact_residual, impact_residual
@@ -206,18 +204,12 @@ class WholeBody(NumericWholeBody):
 
     def switching(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Bound:
         """Return the heights of the feet, with the landing feet as mask."""
-        height = quantities.bind(feet.height)
-        return Bound(height.quantity, height.value, height.labels, mask=p["landing"], scale=natural.length(self))
+        return self.landing_heights(quantities, p)
 
     def invariants(self, key: str, quantities: Quantities, p: Mapping[str, cs.SX]) -> Invariants:
         """Return that feet on the ground do not move, and that the centre of mass falls freely if none is there."""
-        place, height = quantities.bind(feet.position).value, self.true_heights(quantities, p)
-        contacts = tuple(
-            ContactPoint(name, p["contact"][i], place[3 * i : 3 * i + 3], height[i])
-            for i, name in enumerate(self.robot.foot_names)
-        )
         falls = () if self.tree.fixed else (self.ballistic_centre(quantities, p),)
-        return Invariants(contacts, falls)
+        return Invariants(self.standing_points(quantities, p), falls)
 
     def _makers(
         self, motion: Recursion, x: cs.SX, u: cs.SX, forces: list[cs.SX], p: Mapping[str, cs.SX]

@@ -59,7 +59,7 @@ def test_robot_of_a_file_comes_back_without_the_file(tmp_path: Path) -> None:
 
 def test_models_hold_their_robots_recipe() -> None:
     robot = models.load("mini_cheetah")
-    for model in (models.WholeBody(robot), models.SingleRigidBody(robot)):
+    for model in (models.WholeBody(robot), models.HybridKinodynamic(robot), models.SingleRigidBody(robot)):
         recipe = model.recipe()
         assert recipe["kind"] == type(model).__name__
         assert_same(models.robot_from_recipe(recipe), robot)

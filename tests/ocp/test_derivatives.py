@@ -49,8 +49,14 @@ def push(s: ocp.NodeView) -> cs.SX:
     return s.feet.impulse[2::3] * (1 + s.feet.velocity[2::3] ** 2) + s.base.position[2]
 
 
-def needs_control(path: str) -> bool:
-    return path in ("feet.force", "feet.contact_force", "joints.torque", "joints.acceleration")
+CONTROLLED = ("feet.force", "feet.contact_force", "joints.torque", "joints.acceleration", "joints.commanded_velocity")
+
+
+def needs_control(path: str, model: ocp.ModelBase) -> bool:
+    """Return whether a quantity depends on the control; legs without mass have no velocities in the state."""
+    moves = path.endswith("velocity") and not path.startswith(("base.", "com."))
+    driven = isinstance(model, models.HybridKinodynamic) and (moves or path == "feet.normal_speed")
+    return path in CONTROLLED or driven
 
 
 def everything(*given: ocp.ModelBase) -> ocp.Objective:
@@ -59,7 +65,9 @@ def everything(*given: ocp.ModelBase) -> ocp.Objective:
     moving = ("base.position", "base.orientation", "base.linear_velocity", "base.angular_velocity")
     terms = [ocp.track(path) if path in moving else ocp.regularize(path) for path in paths]
     terms += [ocp.track("base.orientation", to=(0.3, -0.2, 0.1), name="tilt")]
-    terms += [ocp.regularize(path, at="phase_end") for path in paths if not needs_control(path)]
+    terms += [
+        ocp.regularize(path, at="phase_end") for path in paths if not any(needs_control(path, model) for model in given)
+    ]
     if any(isinstance(model, models.WholeBody) for model in given):
         terms += [ocp.regularize("feet.impulse", 0.1, at="phase_end"), push.weighted(0.1, at="phase_end")]
         terms += [models.soft_landing(0.1)]
@@ -101,6 +109,29 @@ def rigid_body(name: str, **options: Any) -> ocp.Problem:
         hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body), limits,
         initial=body.state(rpy=(0.1, 0.2, 0.3)),
     )  # fmt: skip
+
+
+def kinodynamic(name: str, **options: Any) -> ocp.Problem:
+    body = models.HybridKinodynamic(robot(name), **options)
+    names = ("friction_cone", "base_height", "joint_limits", "joint_speed_limits", "foot_clearance")
+    return ocp.Problem(
+        hop(body.robot.foot_names), body.until_end(dt=0.02), everything(body),
+        ocp.Constraints(*(SHIPPED[limit] for limit in names)),
+        initial=body.state(joints="stand", rpy=(0.1, 0.2, 0.3)),
+    )  # fmt: skip
+
+
+def cascade_of_three() -> ocp.Problem:
+    """The whole body lands on two feet and becomes kinodynamic, which becomes a single rigid body."""
+    chosen = (models.WholeBody, models.HybridKinodynamic, models.SingleRigidBody)
+    body, legs, rest = (kind(robot("mini_cheetah")) for kind in chosen)
+    objective = ocp.Objective(
+        ocp.regularize("joints.torque"), ocp.regularize("joints.commanded_velocity", 0.1),
+        ocp.regularize("joints.velocity", 0.1), ocp.regularize("feet.force", 0.01), ocp.track("base.orientation"),
+    )  # fmt: skip
+    schedule = body.over(0.08, dt=0.02) + legs.over(0.04, dt=0.02) + rest.over(0.04, dt=0.02)
+    limits = ocp.Constraints(SHIPPED["friction_cone"])
+    return ocp.Problem(hop(body.robot.foot_names), schedule, objective, limits, initial=body.state(joints="stand"))
 
 
 def cascade() -> ocp.Problem:
@@ -153,7 +184,11 @@ PROBLEMS = {
     "single rigid body, euler": lambda: rigid_body("mini_cheetah", integrator="euler"),
     "whole body on a slope": lambda: whole_body("go2", terrain=SLOPE),
     "single rigid body on a slope": lambda: rigid_body("go2", terrain=SLOPE),
+    **{f"kinodynamic model of {name}": lambda name=name: kinodynamic(name) for name in ROBOTS},
+    "kinodynamic model, euler": lambda: kinodynamic("mini_cheetah", integrator="euler"),
+    "kinodynamic model on a slope": lambda: kinodynamic("go2", terrain=SLOPE),
     "whole body to rigid body": cascade,
+    "cascade of three models": cascade_of_three,
     "ball with a reset": ball,
     "rotation, euler": lambda: tumbling("euler"),
     "rotation, rk4": lambda: tumbling("rk4"),

@@ -27,11 +27,13 @@ from .execution import Trial as Trial
 from .execution import declared_friction as declared_friction
 from .execution import execute as execute
 from .forces import foot_forces as foot_forces
+from .forces_and_joints import ForcesAndJoints as ForcesAndJoints
 from .kalman import KalmanEstimator as KalmanEstimator
 from .kalman import KalmanNoise as KalmanNoise
 from .online import run_online as run_online
 from .online_episode import OnlineEpisode as OnlineEpisode
 from .online_episode import PlanLog as PlanLog
+from .part_of_state import PartOfState as PartOfState
 from .perturbation import Perturbation as Perturbation
 from .planner import LoopLike as LoopLike
 from .planner import LowLevelLike as LowLevelLike
