@@ -21,6 +21,7 @@ from piaffe.ocp import (
     SplitStep,
 )
 
+from . import natural
 from ._numeric import NumericWholeBody
 from .bindings import absent_quantities, bind_motion, foot_points, frame_points, in_contact_axes, stacked
 from .contact_system import contact_residual, impact_residual
