@@ -119,6 +119,14 @@ def test_first_maneuver_is_an_example() -> None:
     assert blocks == [(CHECKOUT / "examples" / "sideways_hop.py").read_text()]
 
 
+def test_first_maneuver_shows_where_the_feet_are() -> None:
+    robot = models.load("mini_cheetah")
+    text = (CHECKOUT / "docs" / "first_maneuver.md").read_text()
+    assert f"base {robot.base_height('stand'):.4f} m above the ground\n" in text
+    for name, place in robot.forward_kinematics("stand", rpy=(0, 0, 0.2)).items():
+        assert f"foot {name} at ({', '.join(f'{each:.4f}' for each in place)}) m\n" in text
+
+
 def test_gallery_shows_every_example() -> None:
     examples = {page.name for page in (CHECKOUT / "examples").iterdir() if page.suffix in (".py", ".ipynb")}
     assert examples == set(re.findall(r"^## (\S+)$", (CHECKOUT / "examples" / "README.md").read_text(), re.MULTILINE))
