@@ -26,6 +26,7 @@ from piaffe.models import base, feet, joints
 from piaffe.ocp import rotation
 
 HERE = Path(__file__).resolve().parent
+PICTURE = HERE.parents[2] / "docs" / "assets" / "cafe_fig12.png"
 sys.path.insert(0, str(HERE.parents[1]))
 from common import example  # noqa: E402  # the folder is known only now
 
@@ -291,7 +292,7 @@ def table(found: list[dict[str, str]]) -> str:
 
 
 def figure(seed: int = 0) -> None:
-    """Draw the rolls of a seed as film strips, one below the other, into ``fig12.png``."""
+    """Draw the rolls of a seed as film strips, one below the other, into ``docs/assets/cafe_fig12.png``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -311,10 +312,11 @@ def figure(seed: int = 0) -> None:
         fell = f", falls at {episode.end:.2f} s" if episode.fault else ""
         line[0].text(0, -34, f"{name}{fell}", fontsize=8, fontweight="bold")
     drawn.subplots_adjust(left=0.005, right=0.995, top=0.93, bottom=0.005, wspace=0.03, hspace=0.3)
-    drawn.savefig(HERE / "fig12.png", dpi=110)
+    drawn.savefig(PICTURE, dpi=110)
     plt.close(drawn)
-    with Image.open(HERE / "fig12.png") as picture:
-        picture.convert("RGB").quantize(96).save(HERE / "fig12.png", optimize=True)
+    with Image.open(PICTURE) as picture:
+        small = picture.convert("RGB").quantize(96)
+    small.save(PICTURE, optimize=True)
 
 
 def main() -> None:
