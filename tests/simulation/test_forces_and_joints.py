@@ -146,7 +146,7 @@ def test_a_kinodynamic_trot_with_a_rigid_body_behind_it_keeps_its_speed_on_the_p
     schedule = MODEL.over(0.3, dt=0.01) + models.SingleRigidBody(ROBOT).over(0.3, dt=0.05)
     problem = ocp.Problem(trot, schedule, objective, limits, initial=MODEL.state(joints="stand"))
     mpc, plant = solvers.RecedingHorizon(problem), simulation.Plant(ROBOT, friction=0.7)
-    tracker = low(mpc.plan(problem.initial, 0.0), kp=40.0, kd=1.0)
+    tracker = low(mpc.plan(problem.initial, 0.0))
     planner = simulation.PartOfState(mpc, MODEL.state, plant.space)
     start = BODY.state(joints="stand")
     episode = simulation.run_online(planner, tracker, plant, seconds=3.0, initial=start)

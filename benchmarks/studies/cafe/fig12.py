@@ -26,6 +26,7 @@ from piaffe.models import base, feet, joints
 from piaffe.ocp import rotation
 
 HERE = Path(__file__).resolve().parent
+PICTURE = HERE.parents[2] / "docs" / "assets" / "cafe_fig12.png"
 sys.path.insert(0, str(HERE.parents[1]))
 from common import example  # noqa: E402  # the folder is known only now
 
@@ -38,7 +39,8 @@ class Settings:
     """Settings of the kinodynamic controller; one set for both motions.
 
     Args:
-        objective: ``"ours"``: that of ``examples/roll_then_pace.py``, without torques; ``"published"``: the baseline's.
+        objective: ``"ours"``: that of ``examples/roll_then_pace.py``, without torques; ``"published"``: the baseline's;
+            ``"published, one end"``: its weights of phase ends count at the end of the horizon alone.
         force: weight of the contact forces against those of the reference.
         iterations: of a plan.
         mu: friction coefficient of the plan.
@@ -67,6 +69,11 @@ CANDIDATES = {
     "published 3 a quarter": replace(PUBLISHED, **GAINS),
     "published 40 force 0.01": replace(PUBLISHED, force=0.01),
     "published 40 force 0.001": replace(PUBLISHED, force=0.001),
+    "published 40 force 0.001, 4 iterations": replace(PUBLISHED, force=0.001, iterations=4),
+    "published 40 force 0.001, 10 iterations": replace(PUBLISHED, force=0.001, iterations=10),
+    "published one end 40 force 0.001, 4 iterations": replace(
+        PUBLISHED, objective="published, one end", force=0.001, iterations=4
+    ),
     "3 a quarter force 0.0005": replace(FIRST, force=0.0005, **GAINS),
 }
 CHOSEN = CANDIDATES["40 force 0.0005"]
@@ -120,10 +127,14 @@ def joints_in_air(s: Any) -> Any:
     return cs.vec(cs.repmat(1 - cs.SX(s.feet.contact).T, 3, 1))
 
 
-def published(force: float) -> ocp.Objective:
+def published(force: float, at: Any) -> ocp.Objective:
     """Return the baseline's weights; its foothold is relative to the base, here to the frame of the plan.
 
-    A plan's frame begins at the measured base. The weights of a phase's end have no time step.
+    A plan's frame begins at the measured base. Weights at ends have no time step.
+
+    Args:
+        force: weight of the contact forces.
+        at: where the weights of ends count: ``"phase_end"`` or ``"end"``, that of the horizon.
     """
     return ocp.Objective(
         ocp.track(base.orientation, weight=(4, 4, 1)),
@@ -132,11 +143,11 @@ def published(force: float) -> ocp.Objective:
         ocp.track(base.linear_velocity, weight=1.0),
         ocp.track(joints.position, weight=0.1, mask=joints_in_air),
         ocp.track(feet.position, weight=(100, 100, 0) * 4, mask=on_ground),
-        ocp.track(base.orientation, weight=(160, 80, 20), at="phase_end"),
-        ocp.track(base.position, weight=(20, 20, 12000), at="phase_end"),
-        ocp.track(base.angular_velocity, weight=(20, 2, 0.4), at="phase_end"),
-        ocp.track(base.linear_velocity, weight=20.0, at="phase_end"),
-        ocp.track(feet.position, weight=(2000, 2000, 0) * 4, mask=on_ground, at="phase_end"),
+        ocp.track(base.orientation, weight=(160, 80, 20), at=at),
+        ocp.track(base.position, weight=(20, 20, 12000), at=at),
+        ocp.track(base.angular_velocity, weight=(20, 2, 0.4), at=at),
+        ocp.track(base.linear_velocity, weight=20.0, at=at),
+        ocp.track(feet.position, weight=(2000, 2000, 0) * 4, mask=on_ground, at=at),
         ocp.track(feet.force, weight=force),
         ocp.regularize(joints.commanded_velocity, weight=0.1),
     )
@@ -156,7 +167,8 @@ def same_as_ours(force: float) -> ocp.Objective:
 def baseline(motion: str, settings: Settings) -> tuple[ocp.Problem, models.HybridKinodynamic]:
     """Return the problem of the baseline, and its model: a horizon of 0.6 s in steps of 10 ms, as published."""
     model = models.HybridKinodynamic(ours().robot)
-    objective = (published if settings.objective == "published" else same_as_ours)(settings.force)
+    ends = {"published": "phase_end", "published, one end": "end"}.get(settings.objective)
+    objective = published(settings.force, ends) if ends else same_as_ours(settings.force)
     limits = ocp.Constraints(
         models.friction_cone(mu=settings.mu), models.joint_limits(), models.joint_speed_limits(),
         models.base_height(minimum=0.13), models.foot_clearance(minimum=0.0),
@@ -291,7 +303,7 @@ def table(found: list[dict[str, str]]) -> str:
 
 
 def figure(seed: int = 0) -> None:
-    """Draw the rolls of a seed as film strips, one below the other, into ``fig12.png``."""
+    """Draw the rolls of a seed as film strips, one below the other, into ``docs/assets/cafe_fig12.png``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -306,15 +318,16 @@ def figure(seed: int = 0) -> None:
             if t > episode.end and episode.fault:
                 continue
             state = episode.states[np.searchsorted(episode.times, t - 1e-9).clip(0, len(episode.times) - 1)]
-            ax.imshow(viz.picture(ours().robot, state, size=(320, 240), azimuth=180.0))
+            ax.imshow(viz.picture(ours().robot, state, size=(320, 240), azimuth=180.0, distance=1.35))
             ax.set_title(f"{t:.2f} s", fontsize=7, loc="left", pad=2)
         fell = f", falls at {episode.end:.2f} s" if episode.fault else ""
         line[0].text(0, -34, f"{name}{fell}", fontsize=8, fontweight="bold")
     drawn.subplots_adjust(left=0.005, right=0.995, top=0.93, bottom=0.005, wspace=0.03, hspace=0.3)
-    drawn.savefig(HERE / "fig12.png", dpi=110)
+    drawn.savefig(PICTURE, dpi=110)
     plt.close(drawn)
-    with Image.open(HERE / "fig12.png") as picture:
-        picture.convert("RGB").quantize(96).save(HERE / "fig12.png", optimize=True)
+    with Image.open(PICTURE) as picture:
+        small = picture.convert("RGB").quantize(96)
+    small.save(PICTURE, optimize=True)
 
 
 def main() -> None:
