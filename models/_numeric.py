@@ -91,7 +91,8 @@ class NumericWholeBody(LeggedModel):
     def gamma(self, dt: float) -> float:
         """Return Baumgarte's γ for a time step [s], in 1/s: 2/dt, at most 200, unless the model was given one.
 
-        The limit is that of a robot of usual size; others have it divided by their natural time."""
+        The limit is that of a robot of usual size; others have it divided by their natural time.
+        """
         return min(2 / dt, _LARGEST_GAMMA / self.sizes.time) if self._baumgarte is None else self._baumgarte
 
     def foot_positions(self, x: ArrayLike) -> Array:

@@ -9,7 +9,7 @@ import casadi as cs
 FRICTION_SPEED = 0.3
 """Speed v₀ at which dry friction has 71 % of its full torque, by default [rad/s]."""
 
-_TINY = 1e-18  # [kg m²], avoids 0/0 of joints without rotor inertia and friction, of small robots, too
+_TINY = 1e-30  # [kg m²], avoids 0/0 of joints without rotor inertia and friction, however small the robot is
 
 
 def loss_torque(v: cs.SX, a: cs.SX, dt: cs.SX, p: Mapping[str, cs.SX]) -> cs.SX:

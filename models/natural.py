@@ -1,8 +1,7 @@
 """Natural sizes of a robot's lengths, times, masses, forces, torques and speeds: the units in which a solve counts.
 
-Quadrupeds of one to sixty kilograms count in SI units. A robot that is much smaller or larger has sizes of its own: those
-of a Mini Cheetah, scaled to its length and mass. So tolerances, barriers and regularisation mean for it what they mean
-for the others.
+Quadrupeds of one to sixty kilograms count in SI units. A robot that is much smaller or larger has sizes of its own,
+relative to those of Mini Cheetah. So tolerances, barriers and regularisation mean for it what they mean for the others.
 """
 
 from __future__ import annotations
@@ -49,12 +48,12 @@ def length(model: Any) -> float:
 
 
 def torque(model: Any) -> float:
-    """Return the unit of joint torques [Nm]: for a robot that is not usual its largest limit, relative to 17 Nm."""
+    """Return the unit of joint torques [Nm]: for a robot that is not usual its largest, relative to 17 Nm."""
     return _of_limits(model, model.robot.torque_limit, _TORQUE, "Nm")
 
 
 def speed(model: Any) -> float:
-    """Return the unit of joint speeds [rad/s]: for a robot that is not usual its largest limit, relative to 20 rad/s."""
+    """Return the unit of joint speeds [rad/s]: for a robot that is not usual its largest, relative to 20 rad/s."""
     return _of_limits(model, model.robot.joint_speed_limit, _SPEED, "rad/s")
 
 

@@ -81,7 +81,8 @@ class TermBinder:
         where = f"constraint '{constraint.name}' ({constraint.source}), at a reset"
         value = self._evaluate(index, rows.function)
         labels, mask = self._labels(rows.labels, value.numel(), where), self._active(index, rows.mask, value, where)
-        scale = float(rows.scale(self._model) if callable(rows.scale) else rows.scale)
+        given = self._model.sizes.of(rows.unit) if rows.scale is None else rows.scale
+        scale = float(given(self._model) if callable(given) else given)
         return Rows(value / scale, None, mask, tuple(Row(index, x, rows.unit, scale) for x in labels))
 
     def _cost(self, index: int, cost: Cost) -> Rows:

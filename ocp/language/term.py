@@ -183,14 +183,15 @@ class ResetRows:
         function: rows of the quantities at the reset, with the constraint's parameters as keyword arguments.
         mask: function of these quantities that returns 0 or 1 per row; None for all rows.
         unit: unit of the rows.
-        scale: divisor of the rows and of their violations in reports, or a function of the model that returns it.
+        scale: divisor of the rows and of their violations in reports, or a function of the model that returns it; None:
+            the natural size of the unit, which is 1 for most models.
         labels: names of the rows, or a function of the model that returns them.
     """
 
     function: Function
     mask: Function | None = None
     unit: str = ""
-    scale: float | Callable[[Any], float] = 1.0
+    scale: float | Callable[[Any], float] | None = None
     labels: Any = None
 
 
@@ -204,7 +205,7 @@ class Constraint(Term):
         lower: lower bounds, numbers or a function of the model; None if there are none.
         upper: the same for upper bounds.
         scale: divisor of the rows and of their violations in reports, in the rows' unit, or a function of the model
-            that returns it.
+            that returns it; None: the natural size of the unit, see :class:`Sizes`, which is 1 for most models.
         labels: names of the rows, or a function of the model that returns them.
         at_reset: further rows at the resets after phases; None for none.
     """
@@ -213,7 +214,7 @@ class Constraint(Term):
     function: Function
     lower: Any = None
     upper: Any = None
-    scale: float | Callable[[Any], float] = 1.0
+    scale: float | Callable[[Any], float] | None = None
     labels: Any = None
     at_reset: ResetRows | None = None
 
@@ -221,7 +222,7 @@ class Constraint(Term):
         super().__post_init__()
         for name in ("lower", "upper", "labels"):
             object.__setattr__(self, name, copied(getattr(self, name)))
-        if not callable(self.scale):
+        if self.scale is not None and not callable(self.scale):
             self._check_scale(self.scale)
 
     @property
@@ -243,6 +244,8 @@ class Constraint(Term):
         Raises:
             ProblemError: it is not a positive number.
         """
+        if self.scale is None:
+            return float(model.sizes.of(self.unit))
         scale = self.scale(model) if callable(self.scale) else self.scale
         self._check_scale(scale)
         return scale
@@ -428,7 +431,7 @@ def inequality(
     lower: Any = None,
     upper: Any = None,
     unit: str = "",
-    scale: float | Callable[[Any], float] = 1.0,
+    scale: float | Callable[[Any], float] | None = None,
     name: str | None = None,
     at: At = "running",
     when: When = None,
@@ -457,7 +460,7 @@ def equality(
     *,
     at: At = "running",
     unit: str = "",
-    scale: float | Callable[[Any], float] = 1.0,
+    scale: float | Callable[[Any], float] | None = None,
     name: str | None = None,
     when: When = None,
     mask: Function | None = None,

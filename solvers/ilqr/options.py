@@ -14,7 +14,7 @@ class Options:
 
     Args:
         max_iterations: iterations in all, barrier and multiplier updates included.
-        max_defect: largest defect accepted, ∞-norm in the tangent.
+        max_defect: largest defect accepted, ∞-norm in the tangent, in natural sizes of the model (see ``ocp.Sizes``).
         max_equality: largest equality violation accepted (SI units divided by the row's scale).
         max_inequality: largest inequality violation accepted (SI units divided by the row's scale).
         cost_tolerance: expected decrease, relative to the cost (see ``cost_floor``), below which an iterate is
@@ -37,16 +37,16 @@ class Options:
         corrections: largest number of second-order corrections of a trial step whose defects grow.
         step_shrink: ratio of successive trial steps.
         min_step: smallest trial step.
-        regularization: first Levenberg regularisation added to Q_xx and Q_uu.
+        regularization: first Levenberg regularisation added to Q_xx and Q_uu, for a state or control of size 1.
         max_regularization: largest regularisation; the solve stops beyond it.
         cost_scale: natural size of the cost; barrier weights, stiffness, penalties, ``merit_offset`` and regularisation
             are multiplied by it. None: the solver computes it from the problem, so that nothing depends on the unit of
             the cost; without ``adapt``, 1.
         cost_floor: changes of the cost are relative to |cost| plus |cost| limited to the interval from this to
             ``cost_scale``. None: a hundredth of ``cost_scale``; without ``adapt``, 1.
-        time_scale: natural time [s]; barrier weights, stiffness and penalties of running terms, which are integrals over
-            time, are divided by it. None: that of the problem's first model, 1 s if it declares none; without
-            ``adapt``, 1.
+        time_scale: natural time [s]. Barrier weights, stiffness and penalties of running terms are divided by it,
+            because these terms are integrals over time. None: that of the problem's first model, which is 1 s for
+            most; without ``adapt``, 1.
         time_limit_s: time after which the solve stops with its last accepted iterate [s]; it is asked before every
             trial step. None for no limit.
         adapt: whether the solve changes barrier, multipliers and penalties. Without, they stay as they are at its

@@ -12,7 +12,7 @@ class Record:
         cost: declared cost.
         merit: cost, barrier, augmented Lagrangian and weighted defects.
         expected: decrease of the merit's smooth part that the model predicts for a full step.
-        max_defect: ∞-norm in the tangent.
+        max_defect: ∞-norm in the tangent, in natural sizes of the model.
         max_equality: largest equality violation.
         max_inequality: largest inequality violation.
         step_size: accepted step, 0 if none.

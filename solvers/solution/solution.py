@@ -35,7 +35,8 @@ class Solution:
         phases: policy, value function and multipliers, aligned with the trajectory's phases.
         history: one record per iteration.
         cost: declared cost, without barrier and multipliers.
-        max_defect: ∞-norm in the tangent. max_equality, max_inequality: raw SI divided by the row's scale.
+        max_defect: ∞-norm in the tangent, in natural sizes of the model.
+        max_equality, max_inequality: raw SI divided by the row's scale.
         term_costs: cost of each named term.
         violations: the worst violation of each named constraint, worst first.
         barrier_weight: last ε.
