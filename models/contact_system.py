@@ -24,7 +24,13 @@ def _on_joints(tree: Tree, torque: cs.SX) -> cs.SX:
 
 
 def contact_residual(
-    motion: Recursion, contacts: Sequence[Point], u: cs.SX, z: cs.SX, dt: cs.SX, p: Mapping[str, cs.SX]
+    motion: Recursion,
+    contacts: Sequence[Point],
+    u: cs.SX,
+    z: cs.SX,
+    dt: cs.SX,
+    p: Mapping[str, cs.SX],
+    inertia: float = 1.0,
 ) -> tuple[cs.SX, list[cs.SX]]:
     """Return the residual of the contact dynamics, (nv + 3 nf, 1), and the forces that act on the feet, (3, 1) each.
 
@@ -37,12 +43,13 @@ def contact_residual(
         z: acceleration and contact forces, (nv + 3 nf, 1).
         dt: time step [s]; 0 for the continuous dynamics.
         p: the slots of the whole body.
+        inertia: natural size of an inertia [kg m²].
     """
     nv = motion.tree.nv
     forces, acting = _on_contacts(z, nv, p["contact"])
     effort = motion.inverse_dynamics(inertials(p), p["gravity"], list(zip(contacts, acting, strict=True)))
     own = motion.a[6:]
-    losses = loss_torque(motion.v[6:], own, dt, p)
+    losses = loss_torque(motion.v[6:], own, dt, p, inertia)
     effort += _on_joints(motion.tree, p["armature"] * own + losses - u)
     rows = []
     for i, (point, force) in enumerate(zip(contacts, forces, strict=True)):

@@ -33,8 +33,10 @@ def holding_forces(maps: Array, contact: Array, wrench: Array, length: float = 1
         wrench: w, (N, 6).
         length: moments count in newtons times this length [m].
     """
-    on, units = contact > 0, np.array([1.0, 1.0, 1.0, length, length, length])
-    maps, wrench = maps / units[:, None], wrench / units
+    on = contact > 0
+    if length != 1.0:
+        units = np.array([1.0, 1.0, 1.0, length, length, length])
+        maps, wrench = maps / units[:, None], wrench / units
     while True:
         acting = maps * np.repeat(on, 3, axis=1)[:, None, :]
         normal = acting @ acting.swapaxes(1, 2)

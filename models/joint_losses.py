@@ -9,10 +9,10 @@ import casadi as cs
 FRICTION_SPEED = 0.3
 """Speed v₀ at which dry friction has 71 % of its full torque, by default [rad/s]."""
 
-_TINY = 1e-30  # [kg m²], avoids 0/0 of joints without rotor inertia and friction, however small the robot is
+_TINY = 1e-9  # [kg m²], avoids 0/0 of joints without rotor inertia and friction
 
 
-def loss_torque(v: cs.SX, a: cs.SX, dt: cs.SX, p: Mapping[str, cs.SX]) -> cs.SX:
+def loss_torque(v: cs.SX, a: cs.SX, dt: cs.SX, p: Mapping[str, cs.SX], inertia: float = 1.0) -> cs.SX:
     """Return the torque of damping and dry friction against the motion of the joints, (n, 1) [Nm].
 
     With the change of velocity in half a step, δ = ½ a dt, damping d and the smoothed friction f of the torque f₀::
@@ -34,11 +34,13 @@ def loss_torque(v: cs.SX, a: cs.SX, dt: cs.SX, p: Mapping[str, cs.SX]) -> cs.SX:
         a: joint accelerations of the step, (n, 1) [rad/s²].
         dt: time step [s].
         p: the slots ``joint_damping`` [Nm s/rad], ``joint_friction`` [Nm], ``armature`` [kg m²], ``friction_speed``.
+        inertia: natural size of an inertia [kg m²]; a billionth of it counts as zero.
     """
+    tiny = _TINY * inertia
     half, per_speed = 0.5 * dt, 1 / cs.sqrt(v * v + p["friction_speed"] ** 2)
     secant = p["joint_friction"] * per_speed
     bend = secant * (v * per_speed) ** 2  # c − f′
     held = half * secant
-    slope = secant - bend * (p["armature"] + _TINY) / (held + p["armature"] + _TINY)
+    slope = secant - bend * (p["armature"] + tiny) / (held + p["armature"] + tiny)
     loss: cs.SX = (p["joint_damping"] + secant) * v + (p["joint_damping"] + slope) * (half * a)
     return loss

@@ -168,7 +168,9 @@ class WholeBody(NumericWholeBody):
         q, v, a = at[:nq], at[nq:], z[:nv]
         # the square of a velocity is linear in a if it is the product of the velocities before and after the step
         motion = Recursion(self.tree, q, v, a, dt if self.integrator == "midpoint" else None)
-        residual, acting = contact_residual(motion, self.contacts, self.joint_torques(u), z, dt, p)
+        residual, acting = contact_residual(
+            motion, self.contacts, self.joint_torques(u), z, dt, p, self.sizes.of("kg m^2")
+        )
         v_next = v + a * dt
         node = motion if at is x else Recursion(self.tree, x[:nq], x[nq:], a)
         absent = {**dict.fromkeys(_OF_RESETS, _ONLY_AT_IMPACTS), **absent_quantities(self.robot)}

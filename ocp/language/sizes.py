@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -51,16 +52,23 @@ class Sizes:
         Args:
             unit: an SI unit, ``"m"``, ``"rad/s^2"``, ``"kg m^2/s"``. What follows a ``/`` is below the line.
         """
-        above, *below = unit.split("/")
-        size = 1.0
-        for part, sign in ((above, 1), *((each, -1) for each in below)):
-            for name, power in _FACTOR.findall(part):
-                if name not in _UNITS:
-                    return 1.0
-                length, time, mass = (sign * int(power or 1) * each for each in _UNITS[name])
-                size *= self.length**length * self.time**time * self.mass**mass
-        return size
+        length, time, mass = _powers(unit)
+        return self.length**length * self.time**time * self.mass**mass
 
     def of_space(self, space: Manifold) -> Array:
         """Return the natural size of each component of a difference of two states or controls, (ndx,)."""
         return np.array([self.of(block.quantity.unit) for block in space.blocks for _ in block.labels])
+
+
+@lru_cache(maxsize=200)
+def _powers(unit: str) -> tuple[int, int, int]:
+    """Return the powers of length, time and mass in a unit; zeros if a part of it is not known."""
+    above, *below = unit.split("/")
+    total = (0, 0, 0)
+    for part, sign in ((above, 1), *((each, -1) for each in below)):
+        for name, power in _FACTOR.findall(part):
+            if name not in _UNITS:
+                return 0, 0, 0
+            length, time, mass = (sign * int(power or 1) * each for each in _UNITS[name])
+            total = total[0] + length, total[1] + time, total[2] + mass
+    return total

@@ -135,9 +135,9 @@ def test_nodes_in_one_call_are_those_of_one_call_each() -> None:
 def test_equal_nodes_in_a_row_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     body, sizes = WholeBody(load("solo12")), []
 
-    def counted(maps: np.ndarray, contact: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+    def counted(maps: np.ndarray, contact: np.ndarray, wrench: np.ndarray, length: float) -> np.ndarray:
         sizes.append(len(maps))
-        return holding_forces(maps, contact, wrench)
+        return holding_forces(maps, contact, wrench, length)
 
     monkeypatch.setattr("piaffe.models.holding.holding_forces", counted)
     guess(body, np.repeat(postures(body, 2), 50, axis=0), np.ones((100, 4)))
