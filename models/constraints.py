@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from piaffe.errors import ProblemError
-from piaffe.ocp import OverPhase, ResetRows, When, caller, inequality, match_labels
+from piaffe.ocp import OverPhase, PhaseTime, ResetRows, When, caller, inequality, match_labels, over_phase
 
 from . import natural
 
@@ -54,20 +54,20 @@ def friction_cone(mu: float = 0.6, *, impulses: bool = True, scale: float | None
     )
 
 
-def torque_limits(fraction: float = 1.0, *, scale: float | None = None) -> Any:
+def torque_limits(fraction: float | OverPhase = 1.0, *, scale: float | None = None) -> Any:
     """Keep joint torques within the robot's limits, or a fraction of them [Nm]; passive joints have no rows.
 
     Args:
-        fraction: of the limits.
+        fraction: of the limits, a number or ``ocp.over_phase`` of a function of time.
         scale: what a violation is divided by [Nm]; None: 1, or that of a very small or large robot.
     """
-    _require("torque_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
+    _require_fraction("torque_limits", fraction)
     return inequality(
         _torque,
         name="torque limits",
         unit="Nm",
-        lower=_Bound(_torques, factor=-fraction),
-        upper=_Bound(_torques, factor=fraction),
+        lower=_share(_torques, fraction, -1.0),
+        upper=_share(_torques, fraction, 1.0),
         labels=_motors,
         scale=natural.torque if scale is None else scale,
     )
@@ -92,20 +92,20 @@ def joint_limits(margin: float = 0.0, *, scale: float = 1.0) -> Any:
     )
 
 
-def joint_speed_limits(fraction: float = 1.0, *, scale: float | None = None) -> Any:
+def joint_speed_limits(fraction: float | OverPhase = 1.0, *, scale: float | None = None) -> Any:
     """Keep joint speeds within the robot's limits, or a fraction of them [rad/s].
 
     Args:
-        fraction: of the limits.
+        fraction: of the limits, a number or ``ocp.over_phase`` of a function of time.
         scale: what a violation is divided by [rad/s]; None: 1, or that of a very small or large robot.
     """
-    _require("joint_speed_limits", "fraction", fraction, lambda value: value > 0, "a positive number")
+    _require_fraction("joint_speed_limits", fraction)
     return inequality(
         _speed,
         name="joint speed limits",
         unit="rad/s",
-        lower=_Bound(_fastest, factor=-fraction),
-        upper=_Bound(_fastest, factor=fraction),
+        lower=_share(_fastest, fraction, -1.0),
+        upper=_share(_fastest, fraction, 1.0),
         labels=_joints,
         scale=natural.speed if scale is None else scale,
     )
@@ -198,6 +198,25 @@ class _Bound:
 
     def __call__(self, model: Any) -> Any:
         return self.factor * self.limits(model) + self.added
+
+
+@dataclass(frozen=True)
+class _BoundAt:
+    """Limits of the robot times a factor and a fraction that varies over a phase."""
+
+    limits: Callable[[Any], Any]
+    fraction: OverPhase
+    factor: float
+
+    def __call__(self, at: PhaseTime) -> Any:
+        return self.factor * self.fraction(at) * self.limits(at.model)
+
+
+def _share(limits: Callable[[Any], Any], fraction: float | OverPhase, factor: float) -> Any:
+    """Return a fraction of limits of the robot as a bound."""
+    if isinstance(fraction, OverPhase):
+        return over_phase(_BoundAt(limits, fraction, factor))
+    return _Bound(limits, factor=factor * fraction)
 
 
 @dataclass(frozen=True)
@@ -324,6 +343,11 @@ def _require(where: str, what: str, got: Any, holds: Callable[[float], bool], ex
         raise ProblemError(
             f"{where} ({caller()}): {what} is out of range - got {got!r}, expected {expected}; change it"
         )
+
+
+def _require_fraction(where: str, fraction: float | OverPhase) -> None:
+    if not isinstance(fraction, OverPhase):
+        _require(where, "fraction", fraction, lambda value: value > 0, "a positive number")
 
 
 def _require_bound(where: str, what: str, lower: object, upper: object) -> None:

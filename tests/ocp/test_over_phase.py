@@ -232,6 +232,27 @@ def test_a_plan_keeps_the_bounds_of_its_own_times():
     assert min(tight) < 0.05  # the ceiling is what limits the cart
 
 
+def test_limits_of_the_robot_take_a_fraction_that_varies():
+    body, _ = quadruped()
+    fades = ocp.over_phase(lambda at: 1.0 - 0.5 * at.share)
+    declared = ocp.Problem(
+        turning_jump(), body.until_end(dt=0.01), ocp.Objective(ocp.regularize(models.joints.torque, weight=0.05)),
+        ocp.Constraints(models.torque_limits(fades), models.joint_speed_limits(fades)),
+        initial=body.state(joints="stand"),
+    )  # fmt: skip
+    compiled = ocp.compile_problem(declared)
+    share = np.linspace(0.0, 1.0, 13)[:, None]  # of the first phase
+    for term, limit in ((1, body.robot.torque_limit), (2, body.robot.joint_speed_limit)):
+        np.testing.assert_allclose(bounds(compiled, "upper", term)[0], (1 - 0.5 * share) * limit)
+        np.testing.assert_allclose(bounds(compiled, "lower", term)[0], (0.5 * share - 1) * limit)
+    never = ocp.Constraints(models.torque_limits(ocp.over_phase(lambda at: 0.1 - at.t)))
+    wrong = ocp.Problem(declared.motion, declared.schedule, declared.objective, never, initial=declared.initial)
+    with pytest.raises(ProblemError, match="phase 'push', 0.11 s after its start: bounds exclude each other"):
+        ocp.compile_problem(wrong)
+    with pytest.raises(ProblemError, match="fraction is out of range - got 0"):
+        models.torque_limits(0)
+
+
 def test_nodes_of_sampled_motions_have_them():
     robot = models.load("solo12")
     plant = models.Mujoco(robot)
