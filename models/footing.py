@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-_STEPS = Quantity("feet.steps", "m", "point")  # per foot: its place, where it has last stood, and where it will
-_PROGRESS = Quantity("feet.progress")  # per foot: share of the swing; 1 if it stands; 1 if it lands
+_STEPS = Quantity("_feet.steps", "m", "point")  # per foot: its place, where it has last stood, and where it will
+_PROGRESS = Quantity("_feet.progress")  # per foot: share of the swing; 1 if it stands; 1 if it lands
 
 
 class _Swing(NamedTuple):

@@ -228,12 +228,16 @@ class BoundGait(BoundReference):
         moved._kept = {}
         return moved
 
-    def functions(self) -> ReferenceFunctions:
+    def functions(self) -> ReferenceFunctions | None:
         """Return the gait as CasADi functions of time and of speed, lateral speed, yaw rate and height.
 
+        A gait with an end has none on a height field: its samples are in tables, without commands.
+
         Raises:
-            ProblemError: the ground is a height field.
+            ProblemError: the gait has no end, and the ground is a height field.
         """
+        if isinstance(self.ground, HeightField) and np.isfinite(self.piece.duration):
+            return None
         command = np.array([self.gait.speed, self.gait.lateral_speed, self.gait.yaw_rate, self._height])
         numbers = GaitFunctions(
             self.model.state, self.kinematics, self.footsteps.schedule, self._step_expressions(), command,
@@ -253,8 +257,9 @@ class BoundGait(BoundReference):
         if isinstance(self.ground, HeightField):
             raise ProblemError(
                 f"gait of robot '{self.robot.name}': has no functions of time on this ground - got a height field of "
-                f"{len(self.ground.heights)} by {len(self.ground.heights[0])} nodes, expected level ground, a slope, "
-                "stairs or boxes where a controller plans again and again; use boxes, or phases with keyframes there"
+                f"{len(self.ground.heights)} by {len(self.ground.heights[0])} nodes and a gait without end, expected "
+                "level ground, a slope, stairs or boxes where a controller plans again and again; use boxes, or choose "
+                "a number of cycles with .cycles(n)"
             )
         placed = PlacedGround(self.ground, self.robot.foot_radius, cs.SX.sym("anchor", 3))
         return TerrainStepExpressions(**vars(steps), placed=placed)
@@ -355,7 +360,8 @@ class BoundGait(BoundReference):
         settled = self.gait.ramp + once + schedule.period if schedule.cycle else min(self.gait.ramp, once)
         t = settled + np.arange(0.0, max(schedule.period or once - settled, _STEP), _STEP)
         if self._slope is not None and np.isfinite(self.piece.duration):
-            t = np.arange(settled, self.piece.duration, _STEP)
+            end = self.piece.duration
+            t = np.arange(min(settled, end - _STEP), end, _STEP)
         position, rpy, _, _ = self._base(t)
         place, _ = self.footsteps.at(t)
         tolerance = 0.1 * _MISS * float(self.kinematics.reach.min())

@@ -314,10 +314,10 @@ class Numbers:
             if found is None:
                 found = next((value for q, value in node.targets.items() if q.path == quantity.path), None)
             if found is None:
+                known = sorted(q.path for q in node.targets if not q.path.startswith("_"))
                 raise ProblemError(
-                    f"term '{term.name}' ({term.source}): the motion has no target for it - got targets "
-                    f"{sorted(q.path for q in node.targets)}, expected '{quantity}'; give to=..., or put it in the "
-                    "keyframes or the reference"
+                    f"term '{term.name}' ({term.source}): the motion has no target for it - got targets {known}, "
+                    f"expected '{quantity}'; give to=..., or put it in the keyframes or the reference"
                 )
             row[:] = _sized(term, found, size, each.labels)
         return values / np.linalg.norm(values, axis=1, keepdims=True) if len(each.labels) < size else values

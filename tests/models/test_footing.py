@@ -362,12 +362,26 @@ def test_swings_of_a_gait_pass_above_the_edges_of_stairs():
         assert distance.min() > robot.foot_radius - 1e-9
 
 
-def test_functions_of_a_gait_are_refused_on_a_height_field():
+def test_a_gait_without_end_has_no_functions_on_a_height_field():
     body = models.WholeBody(models.load("go2"), terrain=BUMPS)
     start = body.state.unpack(body.state(joints="stand"))
-    bound = models.gaits.trot(0.2).bind((body,), start).placed[0].reference
+    bound, finite = (each.bind((body,), start).placed[0].reference for each in (trot(), trot().cycles(2)))
     with pytest.raises(ProblemError, match="has no functions of time on this ground - got a height field of 8 by 8"):
         bound.functions()
+    assert finite.functions() is None
+
+
+def trot():
+    return models.gaits.trot(0.2, stance_time=0.2, intro=0.1)
+
+
+def test_a_gait_with_an_end_is_a_table_on_a_height_field():
+    body = models.WholeBody(models.load("go2"), terrain=BUMPS)
+    objective = ocp.Objective(ocp.track(feet.position, weight=1.0), ocp.regularize(joints.torque, weight=0.01))
+    problem = ocp.Problem(trot().cycles(2), body.over(0.3, dt=0.02), objective, initial=body.state(joints="stand"))
+    made, expected = ocp.Horizon(problem).first, ocp.compile_problem(problem)
+    for one, other in zip(made.phases, expected.phases, strict=True):
+        assert one.p == pytest.approx(other.p, abs=1e-12)
 
 
 # ---- a horizon at any time
