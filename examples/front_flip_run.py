@@ -4,8 +4,8 @@ import argparse
 from functools import lru_cache
 from math import pi
 
-from run_roll_run_mpc import speeds
-from running_roll import fall, four, in_a_run, mpc, none, run
+from roll_then_pace import fall, four, mpc, none, run
+from running_roll import in_a_run, speeds
 
 from piaffe import models, ocp
 from piaffe.models import stance
@@ -40,7 +40,7 @@ def problem() -> ocp.Problem:
 def main(seeds: int = 1, first: int = 0) -> float:
     """Run random plants; return the fraction that flips, and runs before and after at 0.8 of its speed or more."""
     good, declared = 0, problem()
-    for seed, episode in zip(range(first, first + seeds), run(declared, range(first, first + seeds)), strict=True):
+    for seed, episode in zip(range(first, first + seeds), run(declared, range(first, first + seeds), 6.0), strict=True):
         before, after = speeds(episode, declared)
         good += episode.success and min(before, after) >= 0.8 * SPEED
         end = episode.fault or ("upright" if episode.upright else "not upright")

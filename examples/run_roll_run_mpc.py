@@ -4,9 +4,10 @@ import argparse
 from functools import lru_cache
 from math import pi
 
-from running_roll import RUN_IN, fall, four, in_a_run, mpc, none, right, run
+from roll_then_pace import fall, four, mpc, none, right, run
+from running_roll import in_a_run, speeds
 
-from piaffe import models, ocp, simulation
+from piaffe import models, ocp
 
 SPEED = 0.6  # [m/s]
 
@@ -34,19 +35,10 @@ def problem(gait: str = "trot") -> ocp.Problem:
     return in_a_run(getattr(models.gaits, gait)(speed=SPEED, velocity_gain=0.02), roll)
 
 
-def speeds(episode: simulation.OnlineEpisode, declared: ocp.Problem) -> tuple[float, float]:
-    """Return the speed in the last 0.5 s before the roll, and from 1 s to 2 s after it [m/s]."""
-    gait, path = declared.motion.pieces[:2]
-    begins, ends = gait.duration, gait.duration + path.duration
-    found = [episode.tracking(*each) for each in ((begins - 0.5, begins), (ends + 1.0, ends + 2.0))]
-    before, after = (each.velocity[0] if each else 0.0 for each in found)
-    return before, after
-
-
 def main(seeds: int = 1, first: int = 0, gait: str = "trot") -> float:
     """Run random plants; return the fraction that runs before and after the roll at 0.8 of its speed or more."""
     good, declared = 0, problem(gait)
-    for seed, episode in zip(range(first, first + seeds), run(declared, range(first, first + seeds)), strict=True):
+    for seed, episode in zip(range(first, first + seeds), run(declared, range(first, first + seeds), 6.0), strict=True):
         before, after = speeds(episode, declared)
         good += episode.success and min(before, after) >= 0.8 * SPEED
         end = episode.fault or ("upright" if episode.upright else "not upright")

@@ -41,10 +41,9 @@ def highest_bar(model: Any, positions: ArrayLike, *, along: float = 0.0, step: f
 
         z(s) = max over φ of (s sin φ − h(sin φ, −cos φ)) / cos φ
 
-    The bar at s may be as high as the least z(s) of all geoms and states. It must have the whole robot on one side in the
-    first state, and on the other side in the last one. φ goes from −89° to 89° in steps of 1°, which makes geoms
-    larger, by less than 0.5 % of their size, and never smaller. Between two states nothing is computed: give them
-    close in time.
+    The bar at s may be as high as the least z(s) of all geoms and states. All geoms are on one side of it in the first
+    state, and on the other side in the last one. φ goes from −89° to 89° in steps of 1°, which makes geoms larger, by
+    less than 0.5 % of their size, and never smaller. Between two states nothing is computed: give them close in time.
 
     Args:
         model: the ``mujoco.MjModel`` whose geoms count, as ``models.mujoco_model(robot, hull=True)``.

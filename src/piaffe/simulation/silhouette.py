@@ -38,8 +38,8 @@ class Silhouette:
         strange = [model.geom(g).name or f"number {g}" for g in self._geoms if int(model.geom_type[g]) not in known]
         if strange or not self._geoms:
             raise ModelError(
-                f"silhouette: geoms are unusable - got {strange or 'none that moves'}, expected balls, capsules, boxes, "
-                "cylinders, ellipsoids or meshes on moving bodies; replace them"
+                f"silhouette: geoms are unusable - got {strange or 'none that moves'}, expected balls, capsules, "
+                "boxes, cylinders, ellipsoids or meshes on moving bodies; replace them"
             )
         across = np.array([-np.sin(along), np.cos(along), 0.0])
         self._directions = directions[:, :1] * across + directions[:, 1:] * np.array([0.0, 0.0, 1.0])
