@@ -7,11 +7,11 @@ from functools import lru_cache
 from math import pi
 
 import casadi as cs
-from roll_then_pace import body, effort, fall, four, mpc, none, objective, robot, run, srb
-from running_roll import RUN_IN, between, limits, speeds
+from roll_then_pace import body, effort, fall, four, mpc, none, robot, run, srb
+from running_roll import in_a_run, limits, speeds
 
 from piaffe import models, ocp
-from piaffe.models import base, stance
+from piaffe.models import stance
 
 SPEED = 0.6  # [m/s]
 
@@ -47,9 +47,7 @@ cascade = body.over(0.8, dt=0.01).without(effort) + srb.over(0.3, dt=0.05).witho
 @lru_cache(maxsize=1)
 def problem() -> ocp.Problem:
     """Return the problem of trot, flip and trot; the flip follows its offline solution."""
-    whole = trot.cycles(RUN_IN) + between(trot, flip) + trot
-    follow = ocp.track(base.linear_velocity, weight=9.0)
-    return ocp.Problem(whole, cascade, objective + follow + effort, limits, initial=body.state(joints="stand"))
+    return in_a_run(trot, flip).with_schedule(cascade)
 
 
 def main(seeds: int = 1, first: int = 0) -> float:
