@@ -26,16 +26,16 @@ MOMENTS = (4, 2)  # columns and rows of pictures
 KINDS = ("abduction", "hip", "knee")
 
 
-def draw(folder: Path, task: Task, episode: simulation.OnlineEpisode, seed: int) -> None:
-    """Draw the figures of an episode into a folder."""
+def draw(folder: Path, name: str, task: Task, episode: simulation.OnlineEpisode, seed: int) -> None:
+    """Draw the figures of an episode into a folder; their names begin with that of the task."""
     roll = Roll.of(task.problem(), task.number)
     over = (episode.times >= roll.begins - 0.1) & (episode.times <= roll.ends)
     along = task.turn + float(np.interp(roll.begins, episode.times, episode.yaw))
     shapes = models.mujoco_model(episode.robot, hull=True)
     bar = simulation.highest_bar(shapes, episode.states[over][::EVERY], along=along)
-    _moments(folder / "moments.png", episode, roll, bar)
-    _heights(folder / "height.png", f"{task.title}, seed {seed}", episode, roll, bar)
-    _torques(folder / "torques.png", f"{task.title}, seed {seed}", episode, roll)
+    _moments(folder / f"{name}_moments.png", episode, roll, bar)
+    _heights(folder / f"{name}_height.png", f"{task.title}, seed {seed}", episode, roll, bar)
+    _torques(folder / f"{name}_torques.png", f"{task.title}, seed {seed}", episode, roll)
 
 
 def _moments(path: Path, episode: simulation.OnlineEpisode, roll: Roll, bar: simulation.Bar) -> None:

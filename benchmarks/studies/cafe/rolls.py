@@ -28,6 +28,7 @@ from piaffe.files import write_whole
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parents[2] / "examples"
+ASSETS = HERE.parents[2] / "docs" / "assets" / "cafe"
 AT_A_TIME = 5  # seeds that one planner runs before their rows are written
 
 
@@ -185,9 +186,8 @@ def main(name: str, seeds: int = 20, first: int = 0, figures: bool = False) -> f
     if figures:
         from roll_figures import draw
 
-        draw(
-            folder, task, example("roll_then_pace").run(task.problem(), range(first, first + 1), task.seconds)[0], first
-        )
+        episode = example("roll_then_pace").run(task.problem(), range(first, first + 1), task.seconds)[0]
+        draw(ASSETS, name, task, episode, first)
     return sum(int(row["success"]) for row in rows) / len(rows)
 
 
