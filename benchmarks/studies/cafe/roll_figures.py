@@ -12,7 +12,6 @@ from roll_log import EVERY, Roll
 
 from piaffe import models, simulation
 from piaffe.files import whole_file
-from piaffe.viz import gl
 from piaffe.viz.cuts import nearest
 from piaffe.viz.films import Cut, sheet
 from piaffe.viz.playback import Snapshot
@@ -40,7 +39,6 @@ def draw(folder: Path, name: str, task: Task, episode: simulation.OnlineEpisode,
 
 def _moments(path: Path, episode: simulation.OnlineEpisode, roll: Roll, bar: simulation.Bar) -> None:
     """Draw equally spaced moments from the start of the roll to its end, with the bar in red."""
-    gl.prepare()
     spec: Any = models.mujoco_spec(episode.robot, contacts="none")
     if bar.height:
         import mujoco

@@ -164,6 +164,10 @@ def summary(task: Task, rows: list[dict[str, Any]]) -> str:
 
 def main(name: str, seeds: int = 20, first: int = 0, figures: bool = False) -> float:
     """Run the seeds of a task that have no row yet; return the share of successes."""
+    if figures:
+        from piaffe.viz import gl
+
+        gl.prepare()  # before MuJoCo is imported
     task, folder = TASKS[name], HERE / name
     path = folder / ("episodes.csv" if first < 500 else "trial.csv")
     rows: list[dict[str, Any]] = list(rows_so_far(path, digest(task)))
