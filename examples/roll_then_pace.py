@@ -59,9 +59,8 @@ def problem() -> ocp.Problem:
     return ocp.Problem(path + pace, cascade, objective + follow + effort, limits, initial=initial)
 
 
-def run(seeds: range) -> list[simulation.OnlineEpisode]:
-    """Run an episode of 4 s for each seed, and return them."""
-    declared = problem()
+def run(declared: ocp.Problem, seeds: range, seconds: float = 4.0) -> list[simulation.OnlineEpisode]:
+    """Run an episode of a problem for each seed, and return them."""
     planner = solvers.RecedingHorizon(declared, **mpc)
     drawn, episodes = simulation.Variation(), []
     for seed in seeds:
@@ -71,7 +70,7 @@ def run(seeds: range) -> list[simulation.OnlineEpisode]:
         start = drawn.start.around(plant.model, declared.initial, seed)
         episodes.append(
             simulation.run_online(
-                planner, low, plant, seconds=4.0, latency=mpc["latency"], seed=seed, initial=start, fall=fall
+                planner, low, plant, seconds=seconds, latency=mpc["latency"], seed=seed, initial=start, fall=fall
             )
         )
     return episodes
@@ -80,7 +79,7 @@ def run(seeds: range) -> list[simulation.OnlineEpisode]:
 def main(seeds: int = 1, first: int = 0) -> float:
     """Roll and pace on random plants, and return the fraction that ends upright, and paces at 0.8 of its speed or more."""
     good = 0
-    for seed, episode in zip(range(first, first + seeds), run(range(first, first + seeds)), strict=True):
+    for seed, episode in zip(range(first, first + seeds), run(problem(), range(first, first + seeds)), strict=True):
         found = episode.tracking(3.0)
         speed = found.velocity[0] if found else 0.0
         good += episode.success and speed >= 0.8 * SPEED

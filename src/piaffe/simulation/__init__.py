@@ -7,6 +7,8 @@ from piaffe.ocp import phase_index as phase_index
 
 from .actuators import Actuators as Actuators
 from .actuators import mini_cheetah_actuators as mini_cheetah_actuators
+from .bar import Bar as Bar
+from .bar import highest_bar as highest_bar
 from .closed_loop import Progress as Progress
 from .closed_loop import run_episode as run_episode
 from .command import Command as Command
