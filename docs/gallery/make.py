@@ -18,15 +18,15 @@ PAGE = HERE / "index.md"
 
 GROUPS = {
     "Motions": (
-        "barrel_roll.py", "backflip.py", "box_jump.py", "stairs_trot.py", "gaits.py", "cascade.py", "run_roll_run.py",
-        "randomised_mass.py",
+        "barrel_roll.py", "backflip.py", "sideways_hop.py", "box_jump.py", "stairs_trot.py", "gaits.py", "cascade.py",
+        "run_roll_run.py", "randomised_mass.py",
     ),
     "Robots, models and terms of your own": (
         "own_robot.ipynb", "biped.py", "reach.py", "own_terms.py", "own_dynamics.py",
     ),
     "Receding horizons": (
-        "trot_mpc.py", "bound_mpc.py", "gaits_mpc.py", "go2_mpc.py", "roll_then_pace.py", "trot_pace_roll.py",
-        "own_model_mpc.py",
+        "trot_mpc.py", "bound_mpc.py", "gaits_mpc.py", "go2_mpc.py", "stairs_mpc.py", "roll_then_pace.py",
+        "trot_pace_roll.py", "running_roll.py", "run_roll_run_mpc.py", "front_flip_run.py", "own_model_mpc.py",
     ),
     "Sampling": (
         "trot_mppi.py", "stairs_mppi.py", "short_horizon.py", "train_value.py", "own_sampler.py",
