@@ -28,7 +28,7 @@ from piaffe.files import write_whole
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES = HERE.parents[2] / "examples"
-ASSETS = HERE.parents[2] / "docs" / "assets" / "cafe"
+ASSETS = HERE.parents[2] / "docs" / "assets"
 AT_A_TIME = 5  # seeds that one planner runs before their rows are written
 
 
@@ -191,7 +191,7 @@ def main(name: str, seeds: int = 20, first: int = 0, figures: bool = False) -> f
         from roll_figures import draw
 
         episode = example("roll_then_pace").run(task.problem(), range(first, first + 1), task.seconds)[0]
-        draw(ASSETS, name, task, episode, first)
+        draw(ASSETS, f"cafe_{name}", task, episode, first)
     return sum(int(row["success"]) for row in rows) / len(rows)
 
 
