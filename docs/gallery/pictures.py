@@ -160,6 +160,15 @@ def climb(module: Any) -> Any:
     return sampling.run_episode(learnt(module, module.problem, module.value, allow=("terrain", "p_max")), steps=400)
 
 
+def in_a_run(name: str) -> Picture:
+    """Return a strip of a motion within a run: before it, at three shares of its time, and after it."""
+    module = import_module(name)
+    declared: ocp.Problem = module.problem()
+    begins, lasts = (piece.duration for piece in declared.motion.pieces[:2])
+    times = (begins - 0.4, *(begins + share * lasts for share in (0.25, 0.40, 0.55)), begins + lasts + 0.6)
+    return posed(name, "mini_cheetah", times, lambda module: module.run(declared, range(1), times[-1] + 0.5)[0])
+
+
 DRAWN: dict[str, Callable[[str], Picture]] = {
     "notebook_tour": notebook,
     "own_robot": notebook,
@@ -193,6 +202,9 @@ DRAWN: dict[str, Callable[[str], Picture]] = {
     "roll_then_pace": lambda name: posed(
         name, "mini_cheetah", (0.30, 0.47, 0.62, 0.85, 2.50), lambda module: module.run(range(1))[0]
     ),
+    "running_roll": in_a_run,
+    "run_roll_run_mpc": in_a_run,
+    "front_flip_run": in_a_run,
     "trot_pace_roll": lambda name: posed(
         name, "mini_cheetah", (1.00, 3.00, 6.00, 9.10, 11.50), lambda module: module.run(range(1))[0],
         words=("trot", "pace", "trot", "roll", "trot"),
