@@ -202,6 +202,10 @@ DRAWN: dict[str, Callable[[str], Picture]] = {
     "roll_then_pace": lambda name: posed(
         name, "mini_cheetah", (0.30, 0.47, 0.62, 0.85, 2.50), lambda module: module.run(range(1))[0]
     ),
+    "stairs_mpc": lambda name: posed(
+        name, "mini_cheetah", (0.50, 1.60, 2.10, 2.60, 4.00), lambda module: module.run(seconds=4.1),
+        terrain=import_module(name).grounds["stairs"], azimuth=75.0,
+    ),
     "running_roll": in_a_run,
     "run_roll_run_mpc": in_a_run,
     "front_flip_run": in_a_run,
