@@ -117,7 +117,7 @@ class LeggedModel(ModelBase):
 
     @cached_property
     def sizes(self) -> Sizes:
-        """The natural sizes of its lengths, times and masses: SI units for robots of one to sixty kilograms."""
+        """The natural sizes of its lengths, times and masses: 1 in SI units for robots of 1.4 to 49 kilograms."""
         return natural.sizes(self.robot)
 
     def __repr__(self) -> str:

@@ -1,6 +1,6 @@
 """Natural sizes of a robot's lengths, times, masses, forces, torques and speeds: the units in which a solve counts.
 
-Quadrupeds of one to sixty kilograms count in SI units. A robot that is much smaller or larger has sizes of its own,
+Quadrupeds of 1.4 to 49 kilograms count in SI units. A smaller or larger robot, as ANYmal C, has sizes of its own,
 relative to those of Mini Cheetah. So tolerances, barriers and regularisation mean for it what they mean for the others.
 """
 
@@ -14,19 +14,21 @@ from piaffe.ocp import Sizes
 
 _LENGTH, _MASS, _TORQUE, _SPEED = 0.209, 8.252, 17.0, 20.0  # of Mini Cheetah: [m], [kg], [Nm], [rad/s]
 _GRAVITY = 9.81  # [m/s²]
-_USUAL = 8.0
+_USUAL_SIZE, _USUAL_LIMIT = 6.0, 8.0  # factors to Mini Cheetah's: of length and mass; of torques and speeds
 
 
 def sizes(robot: Any) -> Sizes:
     """Return the natural sizes of a robot: 1 in SI units if both its length and its mass are usual.
 
     The length is the longest distance of two joints, relative to Mini Cheetah's; the mass likewise. The time is the
-    square root of the length over gravity, also relative. They are usual if they are within a factor of eight.
+    square root of the length over gravity, also relative. They are usual if they are within a factor of six.
     """
     places = [place.translation for place in robot.model.jointPlacements]
     length = max((float(np.linalg.norm(place)) for place in places), default=0.0) / _LENGTH
     mass = float(robot.mass) / _MASS
-    if not (0 < length < np.inf and 0 < mass < np.inf) or (_is_usual(length) and _is_usual(mass)):
+    if not (0 < length < np.inf and 0 < mass < np.inf) or (
+        _is_usual(length, _USUAL_SIZE) and _is_usual(mass, _USUAL_SIZE)
+    ):
         return Sizes()
     gravity = float(np.linalg.norm(robot.model.gravity.linear)) / _GRAVITY
     return Sizes(length=length, time=(length / (gravity or 1.0)) ** 0.5, mass=mass)
@@ -62,8 +64,8 @@ def _of_limits(model: Any, limits: Any, usual: float, unit: str) -> float:
     ratio = float(np.max(finite, initial=0.0)) / usual
     if not ratio > 0:
         return float(model.sizes.of(unit))
-    return 1.0 if model.sizes == Sizes() and _is_usual(ratio) else ratio
+    return 1.0 if model.sizes == Sizes() and _is_usual(ratio, _USUAL_LIMIT) else ratio
 
 
-def _is_usual(ratio: float) -> bool:
-    return 1 / _USUAL < ratio < _USUAL
+def _is_usual(ratio: float, factor: float) -> bool:
+    return 1 / factor < ratio < factor

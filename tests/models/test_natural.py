@@ -1,4 +1,4 @@
-"""Natural sizes: 1 for every known robot, proportional to the robot if it is much smaller or larger."""
+"""Natural sizes: 1 for robots of the size of Mini Cheetah, proportional to the robot if it is smaller or larger."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -21,8 +21,16 @@ def numbers(robot: models.Robot) -> list[float]:
     return [unit(model) for unit in OF_MODEL]
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_known_robots_count_in_si_units(name: str) -> None:
+def test_anymal_is_larger_than_robots_that_count_in_si_units() -> None:
+    robot = models.load("anymal_c")
+    sizes = natural.sizes(robot)
+    assert sizes.mass == pytest.approx(52.13485 / 8.252)
+    assert 1 < sizes.length < 6
+    assert numbers(robot)[0] == pytest.approx(sizes.mass * sizes.length / sizes.time**2)
+
+
+@pytest.mark.parametrize("name", [name for name in ROBOTS if name != "anymal_c"])
+def test_other_known_robots_count_in_si_units(name: str) -> None:
     robot = models.load(name)
     assert natural.sizes(robot) == Sizes()
     assert numbers(robot) == [1.0] * 4

@@ -94,6 +94,13 @@ def test_a_quadruped_that_counts_in_si_units_takes_at_most_twice_the_iterations(
     assert solution.cost == pytest.approx(reference.cost, rel=1e-4)
 
 
+def test_a_large_quadruped_has_natural_sizes_at_its_own_size() -> None:
+    reference, solution = solved("anymal_c", 1.0), solved("anymal_c", 0.1)
+    assert reference.converged, reference.explain()
+    assert solution.iterations == reference.iterations
+    assert solution.cost == pytest.approx(reference.cost, rel=1e-9)
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_the_compiled_solver_has_the_same_sizes(size: float) -> None:
     problem = compile_problem(hop(scaled(mini_cheetah(), size), size, rigid=True))
