@@ -32,17 +32,24 @@ def example(name):
     return module
 
 
+def applies(term, motion):
+    """Return whether a motion has the phases that a term names."""
+    return set(term.when or ()) <= {phase.name for piece in motion.pieces for phase in piece.phases}
+
+
 def problems(name):
     """Return an example's problems by name; of one that solves others first, its motions with its terms."""
     module = example(name)
     found = {key: value for key, value in vars(module).items() if isinstance(value, ocp.Problem)}
     if not found:
         motions = {key: value for key, value in vars(module).items() if isinstance(value, ocp.Motion)}
-        body = module.body
+        terms = module if hasattr(module, "objective") else example("running_roll")  # those without build on it
+        body = terms.body
         found = {
             key: ocp.Problem(
                 motion, body.until_end(dt=0.01) if np.isfinite(motion.duration) else body.over(0.5, dt=0.01),
-                module.objective, module.limits, initial=body.state(joints="stand"),
+                terms.objective, ocp.Constraints(*(each for each in terms.limits if applies(each, motion))),
+                initial=body.state(joints="stand"),
             )
             for key, motion in motions.items()
         }  # fmt: skip
