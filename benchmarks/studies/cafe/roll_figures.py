@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rolls import Task
 
 MOMENTS = (4, 2)  # columns and rows of pictures
+LOW = 0.2  # [m], lower bars say nothing of a jump and are not drawn
 KINDS = ("abduction", "hip", "knee")
 
 
@@ -40,7 +41,7 @@ def draw(folder: Path, name: str, task: Task, episode: simulation.OnlineEpisode,
 def _moments(path: Path, episode: simulation.OnlineEpisode, roll: Roll, bar: simulation.Bar) -> None:
     """Draw equally spaced moments from the start of the roll to its end, with the bar in red."""
     spec: Any = models.mujoco_spec(episode.robot, contacts="none")
-    if bar.height:
+    if bar.height > LOW:
         import mujoco
 
         way, side = np.array([np.cos(bar.along), np.sin(bar.along)]), np.array([-np.sin(bar.along), np.cos(bar.along)])
@@ -77,7 +78,7 @@ def _heights(path: Path, title: str, episode: simulation.OnlineEpisode, roll: Ro
         (ax,) = _shaded(figure, 1, roll)
         near = (episode.times >= roll.begins - 0.6) & (episode.times <= roll.ends + 0.6)
         ax.plot(episode.times[near], episode.states[near, 2], color=LEGS[0], label="base")
-        if bar.height:
+        if bar.height > LOW:
             ax.axhline(bar.height, color=BOUND, ls="--", label=f"highest bar, {bar.height:.2f} m")
         ax.axhline(0.40, color=FAINT, ls=":", label="published cable, 0.40 m")
         ax.axhline(0.52, color=FAINT, ls="-.", label="published apex, 0.52 m")
