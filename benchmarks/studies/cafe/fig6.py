@@ -1,6 +1,6 @@
 """Fig. 6: pitch and pitch rate of a bound over the length of the rigid body's part of the horizon.
 
-``python benchmarks/studies/cafe/fig6.py --seeds 10`` runs what is missing, and writes fig6.csv, .json and .png.
+``python benchmarks/studies/cafe/fig6.py --seeds 10`` runs what is missing, and writes fig6.csv, .json and a picture.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Fig. 8: speed and height of a trot with tails of 0 to 0.4 s, in simulation; published on hardware.
 
-``python benchmarks/studies/cafe/fig8.py --seeds 10`` runs what is missing, and writes fig8.csv, .json and .png.
+``python benchmarks/studies/cafe/fig8.py --seeds 10`` runs what is missing, and writes fig8.csv, .json and a picture.
 """
 
 from __future__ import annotations

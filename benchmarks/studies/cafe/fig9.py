@@ -1,7 +1,7 @@
 """Figs. 9 and 10: a bound is pushed by 1.5 m/s within 50 ms; the solver's feedback against VWBC.
 
-``python benchmarks/studies/cafe/fig9.py --seeds 10`` runs what is missing, and writes fig9.csv, .json and .png, and the
-film strips fig10_vwbc.png and fig10_riccati.png. The feedback is not kept within the limits of torque, as published;
+``python benchmarks/studies/cafe/fig9.py --seeds 10`` runs what is missing, and writes fig9.csv, .json, a picture
+and two film strips. The feedback is not kept within the limits of torque, as published;
 the motors of the plant limit it.
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from published import HERE, LEAVE_OUT, Cells, Runs, declaration, draw, gains, plant, vwbc, write_results
+from published import HERE, LEAVE_OUT, PICTURES, Cells, Runs, declaration, draw, gains, plant, vwbc, write_results
 
 from piaffe import solvers
 from piaffe.simulation import OnlineEpisode, Push
@@ -134,7 +134,7 @@ def main(seeds: int, first: int = 0) -> list[dict[str, Any]]:
         write_results("fig9", rows, shown={"push along": axis, "seed": seed}, push_s=PUSH, seconds=SECONDS)
         draw("fig9", figure(shown), (9.0, 4.2))
         for name, run in shown.items():
-            strip(HERE / f"fig10_{name.lower()}.png", run, seed)
+            strip(PICTURES / f"cafe_fig10_{name.lower()}.png", run, seed)
     return rows
 
 

@@ -27,7 +27,8 @@ from piaffe.models import base, feet, joints
 from piaffe.viz.figure import save_figure
 from piaffe.viz.style import RC
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent
+PICTURES = HERE.parents[2] / "docs" / "assets"
 GAITS: Mapping[str, Callable[..., ocp.Motion]] = {
     "pace": models.gaits.pace, "flying trot": models.gaits.flying_trot, "pronk": models.gaits.pronk,
     "bound": models.gaits.bound, "trot": models.gaits.trot,
@@ -214,8 +215,8 @@ def write_results(name: str, rows: Sequence[Mapping[str, Any]], **more: Any) -> 
 
 
 def draw(name: str, fill: Callable[[Figure], None], size: tuple[float, float]) -> None:
-    """Draw a figure into NAME.png."""
+    """Draw a figure into docs/assets/cafe_NAME.png."""
     with rc_context(RC):
         figure = Figure(figsize=size, layout="constrained")
         fill(figure)
-        save_figure(figure, HERE / f"{name}.png", 100)
+        save_figure(figure, PICTURES / f"cafe_{name}.png", 100)

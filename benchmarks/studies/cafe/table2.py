@@ -1,9 +1,9 @@
 """Table II and Fig. 7: time of an iteration and trials of the line search, over the length of the tail.
 
 ``python benchmarks/studies/cafe/table2.py`` measures again (about two minutes on an idle machine), and writes
-table2.csv, .json and fig7.png; with ``--keep`` it goes on with a run that was stopped. Each receding horizon runs the
-closed loop for 2 s. Its plans are then made once more from the same states, in turns with those of the other horizons,
-and the thread's processor time is read.
+table2.csv, .json and the picture of Fig. 7; with ``--keep`` it goes on with a run that was stopped. Each receding
+horizon runs the closed loop for 2 s. Its plans are then made once more from the same states, in turns with those of the
+other horizons, and the thread's processor time is read.
 """
 
 from __future__ import annotations
