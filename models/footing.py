@@ -179,6 +179,8 @@ class Footing(AddedTargets):
         for placed in self._path.intervals(until + 2 * SAME_TIME)[self._done :]:
             for foot, on in enumerate(self._flags(placed.phase.mode)):
                 known = self._stances[foot]
+                if known and known[-1].end >= placed.end:
+                    continue  # it was found before an interrupt
                 if on and known and abs(known[-1].end - placed.start) <= SAME_TIME:
                     known[-1].end = placed.end
                 elif on:

@@ -101,6 +101,25 @@ class ContactSchedule:
         return first + count * skipped, (cycle + shifts[:, None, None]).reshape(-1, 2)
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """The stances in a span of time.
+
+    Args:
+        since, until: the span [s].
+        firsts: per foot, the number of its first stance.
+        stances, holds, apexes: of each foot, their begins and ends (k, 2) [s], footholds (k, 3) [m], and how high the
+            swing goes from each to the next, (k,) [m].
+    """
+
+    since: float = np.inf
+    until: float = -1.0
+    firsts: tuple[int, ...] = ()
+    stances: tuple[Array, ...] = ()
+    holds: tuple[Array, ...] = ()
+    apexes: tuple[Array, ...] = ()
+
+
 class Footsteps:
     """Positions and velocities of the feet over time.
 
@@ -118,11 +137,7 @@ class Footsteps:
     ) -> None:
         self.schedule = schedule
         self._start, self._ground, self._swing_height, self._foothold = start, ground, swing_height, foothold
-        self._since, self._until = np.inf, -1.0  # the times that the stances are of
-        self._firsts: list[int] = []  # per foot, the number of the first of them
-        self._stances: list[Array] = []
-        self._holds: list[Array] = []
-        self._apexes: list[Array] = []
+        self._known = Known()
         self._keep: list[tuple[int, Array]] = []  # per foot, the stance whose foothold is given, and this foothold
         self._held = np.inf  # the time of these stances [s]
 
@@ -134,40 +149,41 @@ class Footsteps:
             feet: positions at that time, (nf, 3) [m]; None for the reference positions.
             foothold: as in the constructor.
         """
-        self._extend(t, t)
+        known = self._extend(t, t)
         other = self._like(foothold)
         other._keep, other._held = [], t
-        for foot, (stances, holds) in enumerate(zip(self._stances, self._holds, strict=True)):
+        for foot, (stances, holds) in enumerate(zip(known.stances, known.holds, strict=True)):
             i = int(np.searchsorted(stances[:, 0], t + SAME_TIME, side="right")) - 1
             now = holds[i].copy()
             if feet is not None and t <= stances[i, 1] + SAME_TIME:
                 now[:2] = feet[foot, :2]
                 now = self._on_ground(now)
-            other._keep.append((self._firsts[foot] + i, now))
+            other._keep.append((known.firsts[foot] + i, now))
         return other
 
     def at(self, t: Array) -> tuple[Array, Array]:
         """Return positions, (S, nf, 3) [m], and velocities, (S, nf, 3) [m/s], of the feet at times (S,) [s]."""
-        self._extend(float(np.min(t)), float(np.max(t)))
-        feet = [self._swing(*foot, t) for foot in zip(self._stances, self._holds, self._apexes, strict=True)]
+        known = self._extend(float(np.min(t)), float(np.max(t)))
+        feet = [self._swing(*foot, t) for foot in zip(known.stances, known.holds, known.apexes, strict=True)]
         return np.stack([p for p, _ in feet], axis=-2), np.stack([v for _, v in feet], axis=-2)
 
-    def _extend(self, since: float, until: float) -> None:
-        """Compute the footholds of the stances about a span of time, unless they are known.
+    def _extend(self, since: float, until: float) -> Known:
+        """Return the footholds of the stances about a span of time; they are computed unless they are known.
 
         Early in the motion these are all stances up to then, and at least up to twice the time of the last call. Later
-        they are those of a window that moves on, so that neither time nor memory grows with the motion.
+        they are those of a window that moves on, so that neither time nor memory grows with the motion. An interrupt
+        leaves those of before.
         """
-        since = min(since, self._held)
-        if self._since <= since and until <= self._until:
-            return
+        since, known = min(since, self._held), self._known
+        if known.since <= since and until <= known.until:
+            return known
         window = _WINDOW * self.schedule.period
         late = since > 2 * window > 0
-        self._since = since - self.schedule.period if late else -np.inf
-        self._until = max(until, min(2 * self._until, until + window), 2 * self.schedule.period)
-        self._firsts, self._stances, self._holds = [], [], []
+        since = since - self.schedule.period if late else -np.inf
+        until = max(until, min(2 * known.until, until + window), 2 * self.schedule.period)
+        found: list[tuple[int, Array, Array, Array]] = []
         for foot, start in enumerate(self._start):
-            first, stances = self.schedule.later_stances(foot, self._since, self._until)
+            first, stances = self.schedule.later_stances(foot, since, until)
             touchdown, liftoff = stances.T
             length = np.where(np.isfinite(liftoff - touchdown), liftoff - touchdown, 0.0)
             holds = np.full((len(stances), 3), self._ground)
@@ -180,10 +196,9 @@ class Footsteps:
             holds[begins:] = self._on_ground(self._clear(holds[begins:]))
             if self._keep:
                 holds[self._keep[foot][0] - first] = self._keep[foot][1]
-            self._firsts.append(first)
-            self._stances.append(stances)
-            self._holds.append(holds)
-        self._apexes = [self._highest(holds) for holds in self._holds]
+            found.append((first, stances, holds, self._highest(holds)))
+        self._known = Known(since, until, *zip(*found, strict=True))
+        return self._known
 
     def _like(self, foothold: Foothold) -> Footsteps:
         """Return new footsteps with the same numbers and other footholds."""

@@ -51,9 +51,9 @@ class TerrainFootsteps(Footsteps):
 
         In a swing it goes from where the foot has stood to where it will, with the foot's progress in the plane.
         """
-        self._extend(float(np.min(t)), float(np.max(t)))
-        heights, rates = np.zeros((len(t), len(self._stances))), np.zeros((len(t), len(self._stances)))
-        for foot, (stances, holds) in enumerate(zip(self._stances, self._holds, strict=True)):
+        known = self._extend(float(np.min(t)), float(np.max(t)))
+        heights, rates = np.zeros((2, len(t), len(known.stances)))
+        for foot, (stances, holds) in enumerate(zip(known.stances, known.holds, strict=True)):
             i = np.searchsorted(stances[:, 0], t + SAME_TIME, side="right") - 1
             j = np.minimum(i + 1, len(stances) - 1)
             lift, land = stances[i, 1], stances[j, 0]

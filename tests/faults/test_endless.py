@@ -60,7 +60,7 @@ def test_what_is_kept_does_not_grow_along_the_motion(problem: ocp.Problem) -> No
                 "phases": len(nodes._path._phases._found),
                 "modes": len(nodes._compilation._modes),
                 "targets": len(reference._kept),
-                "stances": sum(map(len, reference.footsteps._stances)),
+                "stances": sum(map(len, reference.footsteps._known.stances)),
             }
             sizes = {name: max(size, sizes.get(name, 0)) for name, size in kept.items()}
         most.append(sizes)
@@ -110,3 +110,32 @@ def test_late_stances_are_those_of_walking_there(seed: int) -> None:
         assert first == 0 or everything[first + 1, 0] <= 60.0
         assert late[-1, 0] > 63.0 or len(late) == len(schedule.stances(foot, 1e3))
         np.testing.assert_allclose(late, everything[first : first + len(late)], rtol=0, atol=1e-9)
+
+
+def test_an_interrupt_among_the_footholds_leaves_those_of_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = models.load("solo12")
+    body = models.Mujoco(robot)
+    path: Any = Nodes(
+        ocp.Problem(
+            models.gaits.trot(0.3), body.over(0.2, dt=0.02), ocp.Objective(ocp.track(models.base.position)),
+            initial=body.state(joints="stand"),
+        )
+    )._path  # fmt: skip
+    footsteps = path.placed[0].reference.footsteps
+    before, times = footsteps._known, np.array([LATE, LATE + 0.1])
+    feet = iter(range(2))
+    found = footsteps._foothold
+
+    def interrupted(*stance: Any) -> Any:
+        if next(feet, None) is None:
+            raise KeyboardInterrupt
+        return found(*stance)
+
+    monkeypatch.setattr(footsteps, "_foothold", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        footsteps.at(times)
+    assert footsteps._known is before
+    monkeypatch.setattr(footsteps, "_foothold", found)
+    other = path.placed[0].reference.footsteps.held(0.0, None, found)
+    other._keep, other._held = [], np.inf
+    np.testing.assert_array_equal(footsteps.at(times)[0], other.at(times)[0])

@@ -11,6 +11,7 @@ from piaffe import models, ocp
 from piaffe.errors import ModelError, ProblemError
 from piaffe.models import base, feet, gaits, joints
 from piaffe.models.gaits.base_path import BasePath
+from piaffe.models.gaits.footsteps import Known
 from piaffe.ocp import rotation
 
 GAITS = ("bound", "pace", "flying_pace", "trot", "flying_trot", "pronk", "walk")
@@ -179,7 +180,7 @@ def test_footholds_are_clamped_on_both_sides(body, speed):
     reference._error = np.array([10 * speed, 0.0])
     reference._anchor = 0.9  # the next foothold makes up for a push
     home = reference.kinematics.feet(body.robot.pose("stand"))
-    reference.footsteps._until = -1.0
+    reference.footsteps._known = Known()
     samples = reference.samples(np.array([1.2]))
     offset = samples[feet.position].reshape(4, 3)[0, 0] - samples[base.position][0, 0] - home[0, 0]
     assert offset == pytest.approx(np.sign(speed) * box, abs=1e-9)
