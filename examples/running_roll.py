@@ -43,6 +43,7 @@ def knee_clearance(s):
 
 limits = without_knees + ocp.Constraints(knee_clearance)
 cascade = body.over(0.5, dt=0.01).without(effort) + srb.over(0.6, dt=0.05).without(limits)
+longer = body.over(0.8, dt=0.01).without(effort) + srb.over(0.3, dt=0.05).without(limits)  # takes off as its path does
 
 
 def solved(motion: ocp.Motion) -> ocp.Trajectory:
@@ -73,7 +74,7 @@ def in_a_run(gait: ocp.Motion, motion: ocp.Motion) -> ocp.Problem:
 @lru_cache(maxsize=1)
 def problem() -> ocp.Problem:
     """Return the problem of pace, roll and pace."""
-    return in_a_run(pace, roll)
+    return in_a_run(pace, roll).with_schedule(longer)
 
 
 def speeds(episode: simulation.OnlineEpisode, declared: ocp.Problem) -> tuple[float, float]:
