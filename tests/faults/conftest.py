@@ -40,6 +40,8 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             if "tests/faults/" not in path:
                 return
             found.setdefault(fault_of(name), Counter())[outcome] += 1
+    if not found:
+        return
     terminalreporter.section("faults and outcomes")
     for fault, expected, _ in (*FAULTS, ("other", "", "")):
         if fault in found:
