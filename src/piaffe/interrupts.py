@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 
@@ -65,7 +65,8 @@ def exit_on_interrupt(code: int) -> None:
     """
 
     def heard(number: int, frame: FrameType | None) -> None:
-        sys.stdout.flush()
+        with suppress(Exception):  # the signal may have come within a flush, which refuses another one
+            sys.stdout.flush()
         os._exit(code)
 
     if threading.current_thread() is threading.main_thread() and callable(signal.getsignal(signal.SIGINT)):

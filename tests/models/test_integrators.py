@@ -72,7 +72,7 @@ def test_whole_body_steps_match_pinocchio(name: str, integrator: Integrator) -> 
         if integrator == "midpoint":
             a = midpoint_acceleration(body.robot, x, u, rows, dt)
         else:
-            a, _ = solve_contact(Oracle(body.robot, x), u, rows, gamma=20.0)
+            a, _ = solve_contact(Oracle(body.robot, x), u, rows, gamma=body.gamma(dt))
         got = parts(body.step(x, u, " ".join(standing), dt))
         for part, wanted in zip(got, expected_step(integrator, x, a, dt), strict=True):
             np.testing.assert_allclose(part, wanted, rtol=1e-9, atol=1e-9)

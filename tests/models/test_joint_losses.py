@@ -99,7 +99,7 @@ def test_friction_of_a_step_is_of_second_order_with_a_rotor() -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_losses_are_torques_against_the_motion(name: str) -> None:
-    body, rng = WholeBody(lossy(name)), np.random.default_rng(1)
+    body, rng = WholeBody(lossy(name), friction_speed=SPEED), np.random.default_rng(1)
     standing = body.robot.foot_names[::3]
     rows = rows_of(body.robot.foot_names, standing)
     for feet, chosen in (("", rows[:0]), (" ".join(standing), rows)):

@@ -96,7 +96,7 @@ def test_contact_solution_matches_pinocchio_for_every_contact_set(body: WholeBod
         oracle = Oracle(body.robot, x)
         for standing in subsets(names):
             rows = rows_of(names, standing)
-            acceleration, force = solve_contact(oracle, u, rows, gamma=20.0)
+            acceleration, force = solve_contact(oracle, u, rows, gamma=20.0 / body.sizes.time)
             expected = np.zeros(3 * len(names))
             expected[rows] = force
             feet = " ".join(standing)
