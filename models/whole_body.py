@@ -64,7 +64,8 @@ class WholeBody(NumericWholeBody):
     Args:
         robot: the robot.
         baumgarte: γ [1/s]. By default 20, as published; in midpoint steps 2/dt, at most 200: a step then removes
-            the velocity of a standing foot.
+            the velocity of a standing foot. 20 and 200 are divided by the robot's natural time, see
+            ``sizes``: 1 for robots of 1.4 to 49 kg.
         integrator: how a step moves positions; velocities become v⁺ = v + a dt. ``"midpoint"``: ``(q ⊕ ½ v dt) ⊕ ½ v⁺
             dt``, with the dynamics in the middle and squares of velocities as products of v and v⁺; it is of second
             order. ``"euler"``: ``q ⊕ v dt``, as published. ``"semi_implicit"``: ``q ⊕ v⁺ dt``; standing feet drift as
@@ -75,7 +76,7 @@ class WholeBody(NumericWholeBody):
         terrain: the ground, see :mod:`piaffe.models.terrain`; level at z = 0 by default. Where a foot stands, and on
             which plane, follows from the reference of the motion; see :class:`~piaffe.models.footing.Footing`.
         friction_speed: speed v₀ over which dry friction of the joints changes its sign, q̇ / √(q̇² + v₀²) [rad/s]; None:
-            0.3 rad/s.
+            0.3 rad/s, divided by the natural time.
         name: name of the model; the robot's by default.
 
     Raises:
